@@ -1,0 +1,50 @@
+"""Secret-shared machine learning, simulated in JAX.
+
+The packages in import order; each imports only from those above it.
+
+- `ring`: arithmetic of the integers modulo 2^64: fixed point, products, bits, randomness.
+- `protocols`: what parties do with shares: open, multiply, truncate, compare; the dealer.
+- `secret`: from functions on floats to functions on secrets.
+- `world`: Obstacle World, its environment, renderer and data set; no secrets here.
+- `models`: the paper's encoders and action classifier.
+- `navigation`: training, plain and secret, and closed-loop evaluation.
+
+The names of the public face are imported on first use, so that the processes that render
+Obstacle World never load JAX.
+"""
+
+import importlib
+import os
+import sys
+
+__version__ = "0.1.0"
+
+# Ring elements are uint64, so 64-bit types are switched on, without importing JAX to do it.
+if "jax" in sys.modules:
+    sys.modules["jax"].config.update("jax_enable_x64", True)
+else:
+    os.environ["JAX_ENABLE_X64"] = "1"
+
+_HOME = {
+    "Protocol": "protocols",
+    "Secret": "secret",
+    "deploy": "secret",
+    "reveal": "secret",
+    "secure": "secret",
+    "share": "secret",
+}
+_PACKAGES = ("ring", "protocols", "secret", "world", "models", "navigation")
+
+__all__ = sorted([*_HOME, *_PACKAGES])  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str):
+    if name in _PACKAGES:
+        return importlib.import_module(f"{__name__}.{name}")
+    if name in _HOME:
+        return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]
