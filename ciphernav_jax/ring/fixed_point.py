@@ -1,0 +1,94 @@
+"""Fixed point: a real number v stands in the ring as round(v * 2^f) modulo 2^64, in two's complement."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+from jaxtyping import ArrayLike, Bool, Float, Int, UInt64
+
+WORD = 64
+
+
+def require_x64() -> None:
+    """Raises RuntimeError when JAX's 64-bit types are off: a ring element would silently lose its top half."""
+    if not jax.config.jax_enable_x64:
+        raise RuntimeError(
+            "ciphernav_jax computes in uint64, but JAX's 64-bit types are switched off. "
+            'Call jax.config.update("jax_enable_x64", True), or remove the line that disabled them.'
+        )
+
+
+def value_range(frac_bits: int) -> float:
+    """The bound 2^(63 - frac_bits): `encode` takes values v with -bound <= v < bound."""
+    return 2.0 ** (WORD - 1 - frac_bits)
+
+
+@jax.custom_jvp
+def no_gradient(x: ArrayLike) -> Array:
+    """The identity on values that are about to be encoded; differentiating it raises TypeError.
+
+    Rounding has derivative zero almost everywhere, so without this guard a gradient taken through
+    shares would come out as zeros in silence.
+    """
+    return jnp.asarray(x)
+
+
+@no_gradient.defjvp
+def _no_gradient_jvp(primals, tangents):
+    raise TypeError(
+        "cannot differentiate through shares: encoding rounds, and its derivative is zero. "
+        "Write secure(jax.grad(f)) in place of jax.grad(secure(f)): "
+        "the gradient is then itself evaluated on secrets."
+    )
+
+
+def encode(
+    values: Float[ArrayLike, "..."] | Int[ArrayLike, "..."] | Bool[ArrayLike, "..."], frac_bits: int
+) -> UInt64[Array, "..."]:
+    """Fixed-point encoding round(v * 2^frac_bits) mod 2^64, ties to even.
+
+    Args:
+        values: real numbers v of any shape, |v| within `value_range(frac_bits)`. Floats with more than
+            53 significant bits do not exist, so the encoding of a float64 is exact when v * 2^frac_bits
+            is an integer.
+        frac_bits: fractional bits f, 0 <= f <= 62; the resolution is 2^-f.
+
+    Raises:
+        ValueError: a value is not finite or out of range. Only concrete values can be looked at: under
+            `jit` the check is the caller's, and an out-of-range value saturates.
+        RuntimeError: 64-bit types are switched off.
+        TypeError: the encoding is being differentiated.
+    """
+    require_x64()
+    if not 0 <= frac_bits <= WORD - 2:
+        raise ValueError(f"frac_bits must lie in 0..{WORD - 2}, got {frac_bits}")
+    if not isinstance(values, jax.core.Tracer):
+        _check_range(np.asarray(values), frac_bits)
+    scaled = jnp.round(no_gradient(values).astype(jnp.float64) * 2.0**frac_bits)
+    # Through int64: casting a negative float to uint64 is undefined (0 on CPU).
+    return lax.bitcast_convert_type(scaled.astype(jnp.int64), jnp.uint64)
+
+
+def _check_range(values: np.ndarray, frac_bits: int) -> None:
+    values = values.astype(np.float64)
+    if not np.all(np.isfinite(values)):
+        raise ValueError("cannot encode values that are not finite (NaN or infinity)")
+    bound = value_range(frac_bits)
+    rounded = np.round(values * 2.0**frac_bits)
+    if np.any((rounded < -(2.0**63)) | (rounded >= 2.0**63)):
+        worst = values.flat[np.argmax(np.abs(values))]
+        raise ValueError(
+            f"cannot encode {worst:g}: with {frac_bits} fractional bits values lie in [-{bound:g}, {bound:g}). "
+            "Scale the values down or use fewer fractional bits."
+        )
+
+
+def decode(
+    elements: UInt64[Array, "..."], frac_bits: int, dtype: jnp.dtype | type = jnp.float64
+) -> Float[Array, "..."]:
+    """The real numbers that ring elements stand for: the signed value divided by 2^frac_bits.
+
+    Exact in float64 for |v| < 2^(53 - frac_bits); beyond, and in float32, rounded to nearest.
+    """
+    signed = lax.bitcast_convert_type(elements, jnp.int64)
+    return (signed.astype(jnp.float64) * 2.0**-frac_bits).astype(dtype)
