@@ -1,0 +1,22 @@
+"""What parties do with shares, each protocol written once as the program of one party.
+
+In import order:
+- `party`: the party axis, its collectives, and who runs a program.
+- `sharing`: additive shares and shares by exclusive or.
+- `dealer`: correlated randomness: requests, plan, generation.
+- `masked`: values opened under a mask.
+- `multiply`: Beaver products, elementwise, square, `dot_general`, and conjunction of words.
+- `truncate`: back to f fractional bits after a product.
+- `convert`: arithmetic to binary and back.
+- `compare`: the sign of a value.
+- `relu`: ReLU and selection.
+- `suite`: `Protocol`, the choice of variants.
+- `run`: a program together with its dealer, planned, dealt and run.
+
+The adversary is semi-honest: parties follow the program and may pool what they see, up to P - 1 of them; the
+dealer is trusted.
+"""
+
+from ciphernav_jax.protocols.suite import Protocol
+
+__all__ = ["Protocol"]

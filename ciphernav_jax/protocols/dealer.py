@@ -1,0 +1,250 @@
+"""Correlated randomness from a trusted dealer: what a program asks for, the plan of it, and its generation.
+
+A program asks for randomness through `Dealer.take(request)`, and gets its own shares of the dealer's values.
+Tracing the program once with a `Planner` lists all requests without computing anything; `deal` then makes the
+randomness of the whole program from few large uniform draws; a `Supply` hands it to the party. So the dealer
+acts before the program starts (the offline phase), and the online phase holds no dealer at all: in
+a deployment each party's part of the supply is its own input.
+
+The dealer is trusted, takes part in nothing else, and must not collude with a party.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import UInt64
+
+from ciphernav_jax import ring
+from ciphernav_jax.protocols import sharing
+from ciphernav_jax.ring import bits
+from ciphernav_jax.ring.linear import DimensionNumbers
+
+Shape = tuple[int, ...]
+Values = dict[str, Array]
+
+
+class Ref(NamedTuple):
+    """Names one of the dealer's values: the number of the request, and the value's name in it."""
+
+    request: int
+    name: str
+
+
+class Request(Protocol):
+    """One kind of correlated randomness.
+
+    `draws` are the shapes of the independent uniform words it starts from, `deal` computes from them (and from
+    the values of earlier requests) the values to be shared. Names in `binary` are shared by exclusive or,
+    the others additively.
+    """
+
+    binary: ClassVar[frozenset[str]]
+
+    @property
+    def draws(self) -> tuple[Shape, ...]: ...
+
+    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values: ...
+
+
+@dataclass(frozen=True)
+class Mask:
+    """A uniform ring element r for each entry, {"mask": shape}, and what truncation and comparison need of it.
+
+    - shift > 0 adds the high part and the top bit, {"high": r >> shift, "top": r >> 63}, additively shared
+      (Escudero et al., CRYPTO 2020).
+    - bits adds the bits of r, sliced (64 words for 64 values) and shared by exclusive or, {"bits": [64, B]}, and the
+      products of each even bit with its odd neighbour, {"pairs": [32, B]}: the first level of a
+      comparison circuit then needs no communication.
+    """
+
+    shape: Shape
+    shift: int = 0
+    bits: bool = False
+    binary: ClassVar[frozenset[str]] = frozenset({"bits", "pairs"})
+
+    @property
+    def draws(self) -> tuple[Shape, ...]:
+        return ((64, bits.columns(math.prod(self.shape))) if self.bits else self.shape,)
+
+    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
+        (r,) = draws
+        values = {}
+        if self.bits:
+            values = {"bits": r, "pairs": r[0::2] & r[1::2]}
+            r = ring.bit_unslice(r, self.shape)
+        values["mask"] = r
+        if self.shift:
+            values |= {"high": r >> self.shift, "top": r >> 63}
+        return values
+
+
+@dataclass(frozen=True)
+class Product:
+    """The elementwise product, with broadcasting, of two earlier values: {"product": broadcast shape}.
+
+    With its two factors it is a Beaver triple (Beaver, CRYPTO 1991).
+    """
+
+    left: Ref
+    right: Ref
+    binary: ClassVar[frozenset[str]] = frozenset()
+    draws: ClassVar[tuple[Shape, ...]] = ()
+
+    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
+        left, right = (earlier[ref.request][ref.name] for ref in (self.left, self.right))
+        return {"product": left * right}
+
+
+@dataclass(frozen=True)
+class DotProduct:
+    """`dot_general` of two earlier values modulo 2^64: {"product": its shape}. A Beaver triple of tensors."""
+
+    left: Ref
+    right: Ref
+    dimension_numbers: DimensionNumbers
+    binary: ClassVar[frozenset[str]] = frozenset()
+    draws: ClassVar[tuple[Shape, ...]] = ()
+
+    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
+        left, right = (earlier[ref.request][ref.name] for ref in (self.left, self.right))
+        return {"product": ring.dot_general(left, right, self.dimension_numbers)}
+
+
+@dataclass(frozen=True)
+class SharedBits:
+    """Uniform bits shared both ways: {"words": [*rows, B]}, 64 bits to a word, by exclusive or, and {"bits":
+    [*rows, *shape]}, values 0 or 1, additively (daBits: Rotaru and Wood, INDOCRYPT 2019).
+    """
+
+    shape: Shape
+    rows: Shape = ()
+    binary: ClassVar[frozenset[str]] = frozenset({"words"})
+
+    @property
+    def draws(self) -> tuple[Shape, ...]:
+        return ((*self.rows, bits.columns(math.prod(self.shape))),)
+
+    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
+        return {"words": draws[0], "bits": bits.unpack(draws[0], self.shape)}
+
+
+@dataclass(frozen=True)
+class AndTriple:
+    """Words a, b and a & b for the conjunction of one word with several: {"left": shape},
+    {"right": [count, *shape]}, {"product": [count, *shape]}, all shared by exclusive or.
+    """
+
+    shape: Shape
+    count: int
+    binary: ClassVar[frozenset[str]] = frozenset({"left", "right", "product"})
+
+    @property
+    def draws(self) -> tuple[Shape, ...]:
+        return (self.shape, (self.count, *self.shape))
+
+    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
+        left, right = draws
+        return {"left": left, "right": right, "product": left[None] & right}
+
+
+class Dealt(NamedTuple):
+    """What a party receives for one request: its shares by name, and the request's number for later references."""
+
+    request: int
+    shares: Values
+
+    def __getitem__(self, name: str) -> Array:  # pyright: ignore[reportIncompatibleMethodOverride]
+        return self.shares[name]
+
+    def ref(self, name: str) -> Ref:
+        return Ref(self.request, name)
+
+
+class Dealer(Protocol):
+    """Where a party's program takes its correlated randomness from."""
+
+    def take(self, request: Request) -> Dealt: ...
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All requests of a program in order, and the shapes of the values that each one deals."""
+
+    requests: tuple[Request, ...]
+    shapes: tuple[dict[str, Shape], ...]
+
+
+@dataclass
+class Planner:
+    """A dealer that notes what a program asks for and hands out zeros. Use it under `jax.eval_shape`."""
+
+    requests: list[Request] = field(default_factory=list)
+    values: list[dict[str, jax.ShapeDtypeStruct]] = field(default_factory=list)
+
+    def take(self, request: Request) -> Dealt:
+        draws = [jax.ShapeDtypeStruct(shape, jnp.uint64) for shape in request.draws]
+        values = jax.eval_shape(request.deal, draws, self.values)
+        self.requests.append(request)
+        self.values.append(values)
+        zeros = {name: jnp.zeros(value.shape, jnp.uint64) for name, value in values.items()}
+        return Dealt(len(self.requests) - 1, zeros)
+
+    def plan(self) -> Plan:
+        shapes = tuple({name: value.shape for name, value in values.items()} for values in self.values)
+        return Plan(tuple(self.requests), shapes)
+
+
+@dataclass
+class Supply:
+    """A dealer that hands out one party's part of randomness made beforehand, in the order of the plan."""
+
+    plan: Plan
+    shares: Sequence[Values]
+    taken: int = 0
+
+    def take(self, request: Request) -> Dealt:
+        i = self.taken
+        if i >= len(self.plan.requests) or request != self.plan.requests[i]:
+            planned = self.plan.requests[i] if i < len(self.plan.requests) else "nothing more"
+            raise RuntimeError(
+                f"a program departed from its plan: it asked for {request}, planned was {planned}. "
+                "What a program asks for must not depend on the values it is given."
+            )
+        self.taken += 1
+        return Dealt(i, self.shares[i])
+
+
+def deal(key: Array, plan: Plan, parties: int) -> list[dict[str, UInt64[Array, "p ..."]]]:
+    """The offline phase: all correlated randomness of a plan, as shares of `parties` parties.
+
+    Every value v that is shared takes P - 1 uniform arrays u_1 ... u_{P-1}; party 0 gets v - sum(u), or v ^ u_1 ^ ...,
+    party i gets u_i. All uniform words of the plan come from one draw.
+
+    Returns:
+        For each request a dict of uint64 arrays with the party as leading axis.
+    """
+    sharing.require_parties(parties)
+    shapes: list[Shape] = []
+    for request, values in zip(plan.requests, plan.shapes, strict=True):
+        shapes += [*request.draws, *((parties - 1, *shape) for shape in values.values())]
+    uniform = iter(ring.draw(key, shapes))
+
+    dealt: list[Values] = []
+    supply: list[Values] = []
+    for request, shapes_by_name in zip(plan.requests, plan.shapes, strict=True):
+        values = request.deal([next(uniform) for _ in request.draws], dealt)
+        dealt.append(values)
+        supply.append(
+            {
+                name: (sharing.split_xor if name in request.binary else sharing.split_sum)(
+                    values[name], next(uniform)
+                )
+                for name in shapes_by_name
+            }
+        )
+    return supply

@@ -1,0 +1,84 @@
+"""The party axis: how a program written for one party is run by all of them.
+
+A *program* is what one party does: `program(private, public) -> (private, public)`, where `private` is a pytree
+of that party's own inputs in the plain shape of the values, and `public` is known to all. The collectives
+`open_sum` and `open_xor` are its only way to reach the other parties. Whatever else it does is local, so the
+collectives in a program's jaxpr are all that passes between parties: the transcript, the rounds, the bytes.
+
+Who runs the program is chosen outside:
+- `simulate`: `jax.vmap` over a leading party axis; all parties in one XLA program.
+- `deploy`: `jax.shard_map` over a mesh axis; one device, or one process, for each party.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+from jax.sharding import Mesh, PartitionSpec
+from jaxtyping import UInt64
+
+AXIS = "party"
+
+Program = Callable[[Any, Any], tuple[Any, Any]]
+
+
+def open_sum(x: UInt64[Array, "..."]) -> UInt64[Array, "..."]:
+    """Opens an additively shared value: every party sends its share to all others, and all add them up.
+
+    [x] -> x = x_0 + ... + x_{P-1} mod 2^64. One round; each party sends 8 bytes an entry to each other party.
+    Every party learns x (and the shares, which are uniform but for their sum).
+    """
+    return lax.psum(x, AXIS)
+
+
+def open_xor(x: UInt64[Array, "..."]) -> UInt64[Array, "..."]:
+    """Opens a value shared by exclusive or, 64 bits to a word: x = x_0 ^ ... ^ x_{P-1}. One round, as `open_sum`."""
+    return lax.reduce_xor(lax.all_gather(x, AXIS), axes=(0,))
+
+
+def from_party_zero(public: UInt64[Array, "..."]) -> UInt64[Array, "..."]:
+    """A sharing of a public value, additive and by exclusive or alike: party 0 holds it, the others hold 0."""
+    return jnp.where(lax.axis_index(AXIS) == 0, public, jnp.zeros_like(public))
+
+
+def simulate(program: Program, parties: int) -> Program:
+    """Runs a program as all parties at once, under `jax.vmap`.
+
+    Private inputs and outputs have a leading axis of length `parties`; public ones have none, and what is
+    computed from public values alone is computed once.
+    """
+    return jax.vmap(program, in_axes=(0, None), out_axes=(0, None), axis_name=AXIS, axis_size=parties)
+
+
+def deploy(program: Program, mesh: Mesh) -> Program:
+    """Runs a program with one device for each party, under `jax.shard_map` over the mesh axis "party".
+
+    The same calling convention as `simulate`; private arrays are sharded over the mesh, public ones
+    replicated. The devices may belong to different processes (`jax.distributed`). Shares and opened values are
+    bit-identical to the simulation's.
+
+    Raises:
+        ValueError: the mesh has no axis "party", or other axes beside it.
+    """
+    if tuple(mesh.axis_names) != (AXIS,):
+        raise ValueError(
+            f'deploy needs a mesh with the one axis "{AXIS}", got axes {tuple(mesh.axis_names)}. '
+            f'Make it with jax.make_mesh((parties,), ("{AXIS}",)).'
+        )
+
+    def one_device(private, public):
+        mine = jax.tree.map(lambda x: x[0], private)
+        mine, opened = program(mine, public)
+        return jax.tree.map(lambda x: x[None], mine), opened
+
+    split, same = PartitionSpec(AXIS), PartitionSpec()
+    return jax.shard_map(
+        one_device,
+        mesh=mesh,
+        in_specs=(split, same),
+        out_specs=(split, same),
+        # An exclusive or over gathered shares is the same everywhere, which JAX cannot infer.
+        check_vma=False,
+    )

@@ -1,0 +1,55 @@
+"""A program with its dealer: plan what it asks for, deal that, and run it.
+
+The programs here take the dealer as first argument: `program(dealer, private, public) -> (private, public)`.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+from jax import Array
+from jax.sharding import Mesh
+
+from ciphernav_jax.protocols import party
+from ciphernav_jax.protocols.dealer import Dealer, Plan, Planner, Supply, deal
+
+DealtProgram = Callable[[Dealer, Any, Any], tuple[Any, Any]]
+
+
+def plan(program: DealtProgram, parties: int, private: Any, public: Any) -> Plan:
+    """What the program asks the dealer for, from a trace alone: nothing is computed."""
+    planner = Planner()
+
+    def trace(private, public):
+        return program(planner, private, public)
+
+    jax.eval_shape(party.simulate(trace, parties), private, public)
+    return planner.plan()
+
+
+def run(
+    program: DealtProgram, key: Array, parties: int, private: Any, public: Any, mesh: Mesh | None = None
+) -> tuple[Any, Any]:
+    """Plans, deals and runs a program: by simulation, or with one device a party where `mesh` is given.
+
+    Args:
+        program: one party's program.
+        key: random key of the dealer; the same key gives the same shares bit for bit, simulated or deployed.
+        parties: P >= 2.
+        private: pytree of arrays with the party as leading axis.
+        public: pytree of arrays that all parties know.
+
+    Returns:
+        The private outputs, with the party as leading axis, and the public ones.
+    """
+    if mesh is not None and mesh.size != parties:
+        raise ValueError(f"the mesh has {mesh.size} devices, but the shares belong to {parties} parties")
+    needed = plan(program, parties, private, public)
+    supply = deal(key, needed, parties)
+
+    def online(private, public):
+        supply, private = private
+        return program(Supply(needed, supply), private, public)
+
+    runner = party.simulate(online, parties) if mesh is None else party.deploy(online, mesh)
+    return runner((supply, private), public)

@@ -1,0 +1,44 @@
+"""Shares: P arrays, each uniform alone and in any company short of all, that together give the value.
+
+- additive: x = x_0 + ... + x_{P-1} mod 2^64, for arithmetic;
+- by exclusive or: x = x_0 ^ ... ^ x_{P-1}, for bits.
+"""
+
+import jax.numpy as jnp
+from jax import Array, lax
+from jaxtyping import UInt64
+
+from ciphernav_jax import ring
+
+
+def require_parties(parties: int) -> None:
+    """Raises ValueError for fewer than two parties."""
+    if parties < 2:
+        raise ValueError(f"secret sharing needs at least two parties, got parties={parties}")
+
+
+def split_sum(x: UInt64[Array, "..."], uniform: UInt64[Array, "p-1 ..."]) -> UInt64[Array, "p ..."]:
+    """Additive shares of x from P - 1 uniform arrays: x - sum(uniform), then those arrays."""
+    return jnp.concatenate([(x - jnp.sum(uniform, axis=0, dtype=jnp.uint64))[None], uniform])
+
+
+def split_xor(x: UInt64[Array, "..."], uniform: UInt64[Array, "p-1 ..."]) -> UInt64[Array, "p ..."]:
+    """Shares of x by exclusive or from P - 1 uniform arrays."""
+    return jnp.concatenate([(x ^ lax.reduce_xor(uniform, axes=(0,)))[None], uniform])
+
+
+def join_sum(shares: UInt64[Array, "p ..."]) -> UInt64[Array, "..."]:
+    """The value of additive shares."""
+    return jnp.sum(shares, axis=0, dtype=jnp.uint64)
+
+
+def join_xor(shares: UInt64[Array, "p ..."]) -> UInt64[Array, "..."]:
+    """The value of shares by exclusive or."""
+    return lax.reduce_xor(shares, axes=(0,))
+
+
+def share_ring(key: Array, x: UInt64[Array, "..."], parties: int) -> UInt64[Array, "p ..."]:
+    """Fresh additive shares of ring elements for `parties` >= 2 parties, from `key` alone."""
+    require_parties(parties)
+    (uniform,) = ring.draw(key, [(parties - 1, *x.shape)])
+    return split_sum(x, uniform)
