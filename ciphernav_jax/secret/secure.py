@@ -1,0 +1,254 @@
+"""From functions on floats to functions on secrets.
+
+`secure(f)` traces f to a jaxpr and evaluates that jaxpr inside one party's program, with one rule for each
+primitive (`rules`). Gradients need nothing of their own: `secure(jax.value_and_grad(loss))` traces to a jaxpr in
+which the backward pass is ordinary arithmetic.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.extend import source_info_util
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
+from jax.sharding import Mesh
+
+from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.protocols.run import run
+from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
+from ciphernav_jax.secret.array import Secret
+from ciphernav_jax.secret.rules import RULES, Unsupported
+from ciphernav_jax.secret.value import Context, Value
+
+# Primitives that only wrap a jaxpr, and the parameter that holds it.
+INLINED = {
+    "jit": "jaxpr",
+    "pjit": "jaxpr",
+    "closed_call": "call_jaxpr",
+    "custom_jvp_call": "call_jaxpr",
+    "custom_vjp_call": "call_jaxpr",
+    "custom_vjp_call_jaxpr": "call_jaxpr",
+    "remat2": "jaxpr",
+    "checkpoint": "jaxpr",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Secure:
+    """A function evaluated on secrets; made by `secure`, moved to devices by `deploy`."""
+
+    function: Callable[..., Any]
+    protocol: Protocol
+    mesh: Mesh | None = None
+    _jitted: Callable[..., Any] = field(init=False, repr=False)
+
+    def __post_init__(self):
+        # jit keeps public arguments abstract, so that what a program asks the dealer for never depends on them.
+        object.__setattr__(self, "_jitted", jax.jit(self._evaluate))
+
+    def __call__(self, key: Array, *args: Any) -> Any:
+        """Evaluates the function; `key` is the dealer's random key, fresh for each call."""
+        require_x64()
+        if not isinstance(key, jax.Array) or not (
+            jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or key.dtype == jnp.uint32
+        ):
+            raise TypeError(
+                "the first argument of a secure function is the dealer's random key, "
+                f"jax.random.key(seed), got {type(key).__name__}"
+            )
+        args = jax.tree.map(
+            lambda x: x if isinstance(x, Secret) else no_gradient(x), args, is_leaf=_is_secret
+        )
+        return self._jitted(key, args)
+
+    def _evaluate(self, key: Array, args: tuple[Any, ...]) -> Any:
+        leaves, tree = jax.tree.flatten(args, is_leaf=_is_secret)
+        secrets = [x for x in leaves if isinstance(x, Secret)]
+        parties = _check_secrets(secrets, self.protocol)
+
+        abstract = [jax.ShapeDtypeStruct(x.shape, x.dtype) if isinstance(x, Secret) else x for x in leaves]
+        jaxpr, shapes = jax.make_jaxpr(self.function, return_shape=True)(*jax.tree.unflatten(tree, abstract))
+        outputs, out_tree = jax.tree.flatten(shapes)
+        made: list[int | None] = []  # of each output the fractional bits, or None where it is public
+
+        def program(dealer, private, public):
+            context = Context(self.protocol, dealer)
+            private, public = iter(private), iter(public)
+            values = [
+                Value(context, x.frac_bits, share=next(private)) if isinstance(x, Secret) else next(public)
+                for x in leaves
+            ]
+            results = _evaluate_jaxpr(context, jaxpr.jaxpr, jaxpr.consts, values)
+            results = [_finish(x, out.dtype) for x, out in zip(results, outputs, strict=True)]
+            made[:] = [x.frac_bits if isinstance(x, Value) else None for x in results]
+            return (
+                [x.share for x in results if isinstance(x, Value)],
+                [x for x in results if not isinstance(x, Value)],
+            )
+
+        private, public = run(
+            program,
+            key,
+            parties,
+            [x.shares for x in secrets],
+            [x for x in leaves if not isinstance(x, Secret)],
+            self.mesh,
+        )
+        private, public = iter(private), iter(public)
+        results = [
+            next(public) if frac_bits is None else Secret(next(private), frac_bits, np.dtype(out.dtype))
+            for frac_bits, out in zip(made, outputs, strict=True)
+        ]
+        return jax.tree.unflatten(out_tree, results)
+
+
+def secure(function: Callable[..., Any], *, protocol: Protocol | None = None) -> Secure:
+    """The same function, evaluated by all parties on secrets.
+
+    Args:
+        function: any JAX function of float arrays (pytrees of them) whose primitives have a rule: MLPs, ReLU,
+            squared losses, comparisons, `jnp.where`, sums, reshapes, and `jax.grad` of them. What it closes over
+            is public. Python numbers in it are constants: powers of two and integers multiply exactly.
+        protocol: the variants; the precision must be that of the secrets given.
+
+    Returns:
+        `step(key, *args)`. `args` are pytrees that mix `Secret` and public arrays, `key` the dealer's random
+        key: use a fresh one for each call. What depends on a `Secret` comes out as `Secret`, the rest public.
+        Works under `jax.jit`, `jax.lax.scan` and `jax.vmap`; is itself jitted.
+
+    Raises (when called):
+        NotImplementedError: the function uses an operation that has no rule; the message names it, its line
+            in the function, and a way out.
+        ValueError: no secret among the arguments; secrets of different numbers of parties; a precision
+            other than the protocol's; local truncation for more than two parties.
+        TypeError: it is being differentiated; write `secure(jax.grad(f))`.
+    """
+    return Secure(function, protocol or Protocol())
+
+
+def deploy(step: Secure, mesh: Mesh) -> Secure:
+    """The same program with one device, or one process, for each party.
+
+    Args:
+        step: made by `secure`.
+        mesh: a mesh with the one axis "party", as many devices as parties;
+            `jax.make_mesh((parties,), ("party",))`.
+
+    Returns:
+        A function like `step`. The shares it gives are bit-identical to the simulation's. The dealer's part is
+        computed from `key` by every process, which stands in for a dealer that hands each party its own: a test of
+        the program on real messages, not yet a deployment among parties that distrust one another.
+    """
+    return replace(step, mesh=mesh)
+
+
+def _is_secret(x: Any) -> bool:
+    return isinstance(x, Secret)
+
+
+def _check_secrets(secrets: list[Secret], protocol: Protocol) -> int:
+    if not secrets:
+        raise ValueError(
+            "no argument is secret, so there are no parties to compute. "
+            "Share at least one argument with share(key, values, parties=P)."
+        )
+    parties = {x.parties for x in secrets}
+    if len(parties) > 1:
+        raise ValueError(
+            f"the secrets belong to different numbers of parties: {sorted(parties)}. Share all of them among the same parties."
+        )
+    for x in secrets:
+        expected = protocol.frac_bits if jnp.issubdtype(x.dtype, np.floating) else 0
+        if x.frac_bits != expected:
+            raise ValueError(
+                f"a secret has {x.frac_bits} fractional bits, the protocol {expected}. "
+                "Give share and secure the same protocol."
+            )
+    return parties.pop()
+
+
+def _finish(x: Any, dtype: np.dtype) -> Any:
+    """An output with the precision that a `Secret` of its dtype has."""
+    if not isinstance(x, Value):
+        return x
+    if jnp.issubdtype(dtype, np.floating):
+        settled = x.settled
+        return settled.lifted(x.context.protocol.frac_bits)
+    return x
+
+
+def _evaluate_jaxpr(context: Context, jaxpr: Jaxpr, consts: list[Any], args: list[Any]) -> list[Any]:
+    """Evaluates a jaxpr on secret `Value`s and public arrays; public-only parts run as plain JAX."""
+    env: dict[Any, Any] = {}
+
+    def read(atom):
+        return np.asarray(atom.val) if isinstance(atom, Literal) else env[atom]
+
+    def write(variables, values):
+        env.update(zip(variables, values, strict=True))
+
+    write(jaxpr.constvars, [x if isinstance(x, jax.core.Tracer) else np.asarray(x) for x in consts])
+    write(jaxpr.invars, args)
+    for eqn in jaxpr.eqns:
+        operands = [read(atom) for atom in eqn.invars]
+        if not any(isinstance(x, Value) for x in operands):
+            write(eqn.outvars, _evaluate_public(eqn, operands))
+        elif eqn.primitive.name in INLINED:
+            inner = eqn.params[INLINED[eqn.primitive.name]]
+            inner, inner_consts = (
+                (inner.jaxpr, inner.consts) if isinstance(inner, ClosedJaxpr) else (inner, [])
+            )
+            write(eqn.outvars, _evaluate_jaxpr(context, inner, inner_consts, operands))
+        else:
+            result = _apply_rule(context, eqn, operands)
+            write(eqn.outvars, result if eqn.primitive.multiple_results else [result])
+    return [read(atom) for atom in jaxpr.outvars]
+
+
+def _evaluate_public(eqn: JaxprEqn, operands: list[Any]) -> list[Any]:
+    """A step on public values alone; what is known while tracing stays known, as a numpy array."""
+    bind = partial(eqn.primitive.bind, *operands, **eqn.primitive.get_bind_params(eqn.params))
+    if all(isinstance(x, np.ndarray) for x in operands):
+        with jax.ensure_compile_time_eval():
+            result = jax.tree.map(np.asarray, bind())
+    else:
+        result = bind()
+    return list(result) if eqn.primitive.multiple_results else [result]
+
+
+def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
+    name = eqn.primitive.name
+    try:
+        if name not in RULES:
+            raise Unsupported("it has no rule")
+        return RULES[name](context, *operands, **eqn.params)
+    except Unsupported as problem:
+        place = source_info_util.summarize(eqn.source_info)
+        raise NotImplementedError(
+            f"cannot evaluate `{name}` on secrets: {problem}. It comes from {place}. {_way_out(name)}"
+        ) from None
+
+
+WAYS_OUT = {
+    "exp": "Train with a squared loss and open the logits, or approximate it by a polynomial.",
+    "log": "Train with a squared loss, or approximate it by a polynomial.",
+    "logistic": "Use ReLU, or a piecewise linear sigmoid: jnp.clip(x / 4 + 0.5, 0, 1).",
+    "tanh": "Use ReLU, or the piecewise linear jnp.clip(x, -1, 1).",
+    "sqrt": "Keep the square, or reveal it where that is agreed.",
+    "conv_general_dilated": "Write the convolution as a product of patches (slices, stacked) with the kernel.",
+    "while": "Loop outside: call secure(f) inside lax.scan or lax.while_loop.",
+    "scan": "Loop outside: call secure(f) inside lax.scan.",
+    "cond": "Select with jnp.where; a branch on a secret would show which side was taken.",
+}
+
+
+def _way_out(name: str) -> str:
+    default = "Compute it on public values before sharing, or build it from supported operations: " + ", ".join(
+        sorted(RULES)
+    )
+    return WAYS_OUT.get(name, default + ".")
