@@ -6,6 +6,7 @@ vetted cryptographic generator. A simulation needs uniform, independent words; a
 cipher and a 128-bit key.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -16,47 +17,44 @@ from jaxtyping import UInt64
 
 from ciphernav_jax.ring.fixed_point import require_x64
 
-# Words in one call of the generator: 4 MB, so that a draw is still in the cache when it is used.
-PIECE = 1 << 19
+# Words in one call of the generator: 1 MB, which stays in the cache.
+PIECE = 1 << 17
 
 
 def draw(key: Array, shapes: Sequence[tuple[int, ...]]) -> list[UInt64[Array, "..."]]:
-    """Independent uniform uint64 arrays of the given shapes, from few large calls of the generator.
+    """Independent uniform uint64 arrays of the given shapes, cut in order from one stream of words.
 
-    One call for many arrays keeps compile and run time down; the arrays are cut from its output in order.
+    The stream is made in a `scan`. XLA compiles the generator once for it however many arrays there are, and keeps
+    its output: it would otherwise fuse the generator into, and run it again for, each use of the words.
 
     Args:
         key: a JAX random key. The same key and shapes give the same words.
         shapes: the shapes wanted.
     """
     require_x64()
+    sizes = [math.prod(shape) for shape in shapes]
+    words = _stream(key, sum(sizes))
+    starts = [0, *itertools.accumulate(sizes)]
+    return [
+        lax.slice(words, (start,), (start + size,)).reshape(shape)
+        for start, size, shape in zip(starts, sizes, shapes, strict=False)
+    ]
+
+
+def _stream(key: Array, count: int) -> UInt64[Array, " count"]:
     if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         key = jax.random.wrap_key_data(key)
     words = jax.random.key_data(key).astype(jnp.uint32).reshape(-1)
     state = jnp.concatenate([words, jnp.zeros(4, jnp.uint32)])[:4]
 
-    arrays: list[Array] = []
-    for group in _groups([math.prod(shape) for shape in shapes]):
-        total = sum(math.prod(shapes[i]) for i in group)
-        state, uniform = lax.rng_bit_generator(
-            state, (total,), jnp.uint64, algorithm=lax.RandomAlgorithm.RNG_THREE_FRY
+    # At least two steps: XLA unrolls a loop of one, and then fuses it as above.
+    piece = min(PIECE, -(-count // 2))
+    steps = -(-count // piece) if piece else 0
+
+    def step(state, _):
+        return lax.rng_bit_generator(
+            state, (piece,), jnp.uint64, algorithm=lax.RandomAlgorithm.RNG_THREE_FRY
         )
-        start = 0
-        for i in group:
-            size = math.prod(shapes[i])
-            arrays.append(lax.slice(uniform, (start,), (start + size,)).reshape(shapes[i]))
-            start += size
-    return arrays
 
-
-def _groups(sizes: Sequence[int]) -> list[list[int]]:
-    """Consecutive indices, grouped so that a group holds about PIECE words."""
-    groups: list[list[int]] = []
-    filled = PIECE
-    for i, size in enumerate(sizes):
-        if filled + size > PIECE:
-            groups.append([])
-            filled = 0
-        groups[-1].append(i)
-        filled += size
-    return groups
+    _, uniform = lax.scan(step, state, length=steps)
+    return uniform.reshape(-1)[:count]
