@@ -21,14 +21,16 @@ class GLUnavailable(RuntimeError):
 def required() -> Iterator[None]:
     """Imports and uses of MiniWorld inside this context fail with one clear message.
 
-    Chooses headless rendering when no display is named, unless PYGLET_HEADLESS says otherwise.
+    Chooses headless rendering when no display is named.
 
     Raises:
         GLUnavailable: in place of whatever pyglet, ctypes or the driver raised.
     """
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        os.environ.setdefault("PYGLET_HEADLESS", "True")
     try:
+        import pyglet
+
+        if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+            pyglet.options["headless"] = True
         yield
     except Exception as error:
         display = os.environ.get("DISPLAY")

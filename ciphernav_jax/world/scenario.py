@@ -27,7 +27,7 @@ MAX_OBSTACLES = 3
 COUNT_PROBABILITIES = (0.35, 0.35, 0.30)
 START_HEADINGS = (3, 1)  # east, south
 OBSTACLE_CELLS = tuple(cell for cell in BORDER if cell != START)
-_MAX_DRAWS = 100_000
+_MAX_DRAWS = 20_000
 
 
 @dataclass(frozen=True)

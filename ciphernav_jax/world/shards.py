@@ -7,9 +7,10 @@ a process has imported can change pixels.
 
 import subprocess
 import sys
+import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
@@ -22,8 +23,8 @@ from ciphernav_jax.world.grid import WALLS
 from ciphernav_jax.world.poses import CAMERAS, IMAGE_SHAPE, POSE_CELL, POSES
 from ciphernav_jax.world.scenario import MAX_OBSTACLES, Scenario, draw
 
-SHARD = 200
-"""Environments in a shard: some five seconds of one core."""
+SHARD = 100
+"""Environments in a shard: some three seconds of one core."""
 BACKGROUNDS = -1
 """The number of the shard that holds the views without obstacles, which all others refer to."""
 _TIMEOUT = 300.0
@@ -142,66 +143,65 @@ def draw_shards(request: Request, numbers: Sequence[int], workers: int) -> Itera
     """
     waiting, finished = deque(numbers), {}
     with ExitStack() as stack:
-        processes = {}
-        for _ in range(min(workers, len(numbers))):
-            pipe, process = _start_worker(stack)
-            pipe.send((request, waiting.popleft()))
-            processes[pipe] = process
+        busy = [stack.enter_context(_Worker()) for _ in range(min(workers, len(numbers)))]
+        for worker in busy:
+            worker.order(request, waiting.popleft())
         for number in numbers:
             while number not in finished:
-                ready = wait(list(processes), _TIMEOUT)
+                ready = wait([worker.pipe for worker in busy], _TIMEOUT)
                 if not ready:
                     raise TimeoutError(
                         f"No shard was rendered within {_TIMEOUT:.0f} s; run the same again to resume."
                     )
-                for pipe in ready:
-                    assert isinstance(pipe, Connection)
-                    drawn, result = _receive(pipe, processes[pipe])
-                    finished[drawn] = result
+                for worker in [worker for worker in busy if worker.pipe in ready]:
+                    drawn, finished[drawn] = worker.receive()
                     if waiting:
-                        pipe.send((request, waiting.popleft()))
+                        worker.order(request, waiting.popleft())
                     else:
-                        del processes[pipe]
+                        busy.remove(worker)
             yield finished.pop(number)
 
 
-def _start_worker(stack: ExitStack) -> tuple[Connection, subprocess.Popen]:
-    """A worker and the pipe to it. It ends when its pipe closes, even if this process is killed."""
-    ours, theirs = Pipe()
-    stack.callback(ours.close)
-    program = f"from ciphernav_jax.world.shards import serve; serve({theirs.fileno()})"
-    with theirs:
-        process = subprocess.Popen([sys.executable, "-c", program], pass_fds=[theirs.fileno()])
-    stack.callback(process.wait)
-    stack.callback(process.kill)
-    return ours, process
+class _Worker:
+    """A rendering process. It ends when its pipe closes, which also happens if this process is killed."""
 
+    def __enter__(self) -> "_Worker":
+        self.pipe, theirs = Pipe()
+        program = f"from ciphernav_jax.world.shards import serve; serve({theirs.fileno()})"
+        with theirs:
+            self._process = subprocess.Popen([sys.executable, "-c", program], pass_fds=[theirs.fileno()])
+        return self
 
-def _receive(pipe: Connection, process: subprocess.Popen) -> tuple[int, Shard]:
-    try:
-        number, result = pipe.recv()
-    except (EOFError, ConnectionResetError):
-        raise RuntimeError(
-            f"A rendering process died (exit status {process.wait()}); run the same again to resume."
-        ) from None
-    if isinstance(result, Exception):
-        raise result
-    return number, result
+    def __exit__(self, *_) -> None:
+        self.pipe.close()
+        self._process.kill()
+        self._process.wait()
+
+    def order(self, request: Request, number: int) -> None:
+        with suppress(BrokenPipeError):  # a dead worker shows when its shard is received
+            self.pipe.send((request, number))
+
+    def receive(self) -> tuple[int, Shard]:
+        try:
+            number, result = self.pipe.recv()
+        except (EOFError, ConnectionResetError):
+            raise RuntimeError(
+                f"A rendering process died (exit status {self._process.wait()}); "
+                "run the same again to resume."
+            ) from None
+        if isinstance(result, Exception):
+            raise result
+        return number, result
 
 
 def serve(descriptor: int) -> None:
     """A worker's life: receives (request, number), sends (number, shard or error), until the pipe ends."""
-    with Connection(descriptor) as pipe:
+    with Connection(descriptor) as pipe, suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
-            try:
-                request, number = pipe.recv()
-            except EOFError:
-                return
+            request, number = pipe.recv()
             try:
                 result = draw_shard(request, number)
             except Exception as error:
+                error.add_note(traceback.format_exc())
                 result = error
-            try:
-                pipe.send((number, result))
-            except BrokenPipeError:
-                return
+            pipe.send((number, result))
