@@ -1,7 +1,7 @@
 """The sign of a shared value by bit decomposition, from one opening under a mask whose bits are shared.
 
-With c = x + r open, x = c - r is negative exactly when the top bit of c - r is 1: the top bits of c and r, and the
-borrow that the lower 63 bits hand up. That borrow is a comparison of public with shared bits. Bits
+With c = x + r open, x = c - r is negative exactly when the top bit of c - r is 1: the top bits of c and r,
+and the borrow that the lower 63 bits hand up. That borrow is a comparison of public with shared bits. Bits
 are sliced (64 values to a word) and the borrow is found by a carry tree (a Kogge-Stone prefix network that
 keeps only what the last position needs).
 """
@@ -50,9 +50,10 @@ def _borrow(
 ) -> UInt64[Array, " b"]:
     """[public mod 2^63 < shared mod 2^63] as words shared by exclusive or.
 
-    A position generates a borrow (g) where public is 0 and shared is 1, and hands one on (p) where the two are
-    equal. Neighbours combine as (g, p) = (g_hi ^ p_hi g_lo, p_hi p_lo). At the first level both products need
-    only the product of two bits of r, which the dealer has shared (`pairs`); each further level is one opening.
+    A position generates a borrow (g) where public is 0 and shared is 1, and hands one on (p) where the two
+    are equal. Neighbours combine as (g, p) = (g_hi ^ p_hi g_lo, p_hi p_lo). At the first level both products
+    need only the product of two bits of r, which the dealer has shared (`pairs`); each further level is one
+    opening.
     """
     c_low, c_high = public[0::2], public[1::2]
     r_low, r_high = shared[0::2], shared[1::2]

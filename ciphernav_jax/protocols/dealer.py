@@ -38,9 +38,9 @@ class Ref(NamedTuple):
 class Request(Protocol):
     """One kind of correlated randomness.
 
-    `draws` are the shapes of the independent uniform words it starts from, `deal` computes from them (and from
-    the values of earlier requests) the values to be shared. Names in `binary` are shared by exclusive or,
-    the others additively.
+    `draws` are the shapes of the independent uniform words it starts from, `deal` computes from them (and
+    from the values of earlier requests) the values to be shared. Names in `binary` are shared by exclusive
+    or, the others additively.
     """
 
     binary: ClassVar[frozenset[str]]
@@ -53,12 +53,12 @@ class Request(Protocol):
 
 @dataclass(frozen=True)
 class Mask:
-    """A uniform ring element r for each entry, {"mask": shape}, and what truncation and comparison need of it.
+    """A uniform ring element r for each entry, {"mask": shape}, and what its truncation and bits need.
 
     - shift > 0 adds the high part and the top bit, {"high": r >> shift, "top": r >> 63}, additively shared
       (Escudero et al., CRYPTO 2020).
-    - bits adds the bits of r, sliced (64 words for 64 values) and shared by exclusive or, {"bits": [64, B]}, and the
-      products of each even bit with its odd neighbour, {"pairs": [32, B]}: the first level of a
+    - bits adds the bits of r, sliced (64 words for 64 values) and shared by exclusive or, {"bits": [64, B]},
+      and the products of each even bit with its odd neighbour, {"pairs": [32, B]}: the first level of a
       comparison circuit then needs no communication.
     """
 
@@ -93,7 +93,10 @@ class Product:
     left: Ref
     right: Ref
     binary: ClassVar[frozenset[str]] = frozenset()
-    draws: ClassVar[tuple[Shape, ...]] = ()
+
+    @property
+    def draws(self) -> tuple[Shape, ...]:
+        return ()
 
     def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
         left, right = (earlier[ref.request][ref.name] for ref in (self.left, self.right))
@@ -108,7 +111,10 @@ class DotProduct:
     right: Ref
     dimension_numbers: DimensionNumbers
     binary: ClassVar[frozenset[str]] = frozenset()
-    draws: ClassVar[tuple[Shape, ...]] = ()
+
+    @property
+    def draws(self) -> tuple[Shape, ...]:
+        return ()
 
     def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
         left, right = (earlier[ref.request][ref.name] for ref in (self.left, self.right))
@@ -153,7 +159,7 @@ class AndTriple:
 
 
 class Dealt(NamedTuple):
-    """What a party receives for one request: its shares by name, and the request's number for later references."""
+    """What a party receives for one request: its shares by name, and the request's number."""
 
     request: int
     shares: Values
@@ -222,8 +228,8 @@ class Supply:
 def deal(key: Array, plan: Plan, parties: int) -> list[dict[str, UInt64[Array, "p ..."]]]:
     """The offline phase: all correlated randomness of a plan, as shares of `parties` parties.
 
-    Every value v that is shared takes P - 1 uniform arrays u_1 ... u_{P-1}; party 0 gets v - sum(u), or v ^ u_1 ^ ...,
-    party i gets u_i. All uniform words of the plan come from one draw.
+    Every value v that is shared takes P - 1 uniform arrays u_1 ... u_{P-1}; party 0 gets v - sum(u), or v ^
+    u_1 ^ ..., party i gets u_i. All uniform words of the plan come from one draw.
 
     Returns:
         For each request a dict of uint64 arrays with the party as leading axis.

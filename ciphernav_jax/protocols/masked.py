@@ -2,8 +2,8 @@
 
     [x] = e + sum_j k_j [m_j],   e and k_j public, m_j from the dealer.
 
-Every opening leaves such a form behind: a Beaver opening x = e + a, a truncation c' - R + k t, a bit t + (1 - 2 t) s.
-A product of two such values needs only the dealer's products [m_j m_l]: no further opening.
+Every opening leaves such a form behind: a Beaver opening e + a, a truncation c' - R + k t, a bit
+t + (1 - 2 t) s. A product of two such values needs only the dealer's products [m_j m_l]: no further opening.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from ciphernav_jax.protocols.party import from_party_zero, open_sum
 
 @dataclass(frozen=True)
 class Term:
-    """One public multiple k [m] of a dealer's value; `share` is this party's share of m. factor None means 1."""
+    """A public multiple k [m] of a dealer's value: `factor` k (None for 1), this party's `share` of m."""
 
     factor: UInt64[Array, "..."] | None
     share: UInt64[Array, "..."]

@@ -2,8 +2,8 @@
 randomization*, CRYPTO 1991).
 
 The factors come as `Masked` values, whose masks are already open: a value that enters several products
-is opened once. The products themselves are then local. All are exact in the ring; fixed-point factors with f and
-g fractional bits give a product with f + g, which `truncate` brings back.
+is opened once. The products themselves are then local. All are exact in the ring; fixed-point factors with f
+and g fractional bits give a product with f + g, which `truncate` brings back.
 """
 
 import jax.numpy as jnp
@@ -40,7 +40,7 @@ def multiply(dealer: Dealer, x: Masked, y: Masked) -> UInt64[Array, "..."]:
 
 
 def square(dealer: Dealer, x: Masked) -> UInt64[Array, "..."]:
-    """The elementwise square [x^2] = e^2 + 2 e [a] + [a^2] of a value under one mask. Otherwise as `multiply`."""
+    """The elementwise square [x^2] = e^2 + 2 e [a] + [a^2], for x under one mask; otherwise as `multiply`."""
     (term,) = x.terms
     squared = dealer.take(Product(term.ref, term.ref))["product"]
     return from_party_zero(x.public * x.public) + (x.public << 1) * term.share + squared
@@ -54,7 +54,8 @@ def dot_general(
         [x y] = e ([b] + d) + [a] d + [a b],
 
     where d is added to party 0's share of b: two ring products for each party.
-    Opened: nothing. Rounds: 0 after those that opened x and y. Correlated randomness: one `DotProduct`. Error: none.
+    Opened: nothing. Rounds: 0 after those that opened x and y. Correlated randomness: one `DotProduct`.
+    Error: none.
     """
     (a,), (b,) = x.terms, y.terms
     product = dealer.take(DotProduct(a.ref, b.ref, dimension_numbers))["product"]

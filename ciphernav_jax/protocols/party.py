@@ -1,9 +1,10 @@
 """The party axis: how a program written for one party is run by all of them.
 
-A *program* is what one party does: `program(private, public) -> (private, public)`, where `private` is a pytree
-of that party's own inputs in the plain shape of the values, and `public` is known to all. The collectives
-`open_sum` and `open_xor` are its only way to reach the other parties. Whatever else it does is local, so the
-collectives in a program's jaxpr are all that passes between parties: the transcript, the rounds, the bytes.
+A *program* is what one party does: `program(private, public) -> (private, public)`, where `private` is a
+pytree of that party's own inputs in the plain shape of the values, and `public` is known to all. The
+collectives `open_sum` and `open_xor` are its only way to reach the other parties. Whatever else it does is
+local, so the collectives in a program's jaxpr are all that passes between parties: the transcript, the
+rounds, the bytes.
 
 Who runs the program is chosen outside:
 - `simulate`: `jax.vmap` over a leading party axis; all parties in one XLA program.
@@ -34,12 +35,12 @@ def open_sum(x: UInt64[Array, "..."]) -> UInt64[Array, "..."]:
 
 
 def open_xor(x: UInt64[Array, "..."]) -> UInt64[Array, "..."]:
-    """Opens a value shared by exclusive or, 64 bits to a word: x = x_0 ^ ... ^ x_{P-1}. One round, as `open_sum`."""
+    """Opens words shared by exclusive or: x = x_0 ^ ... ^ x_{P-1}. One round, otherwise as `open_sum`."""
     return lax.reduce_xor(lax.all_gather(x, AXIS), axes=(0,))
 
 
 def from_party_zero(public: UInt64[Array, "..."]) -> UInt64[Array, "..."]:
-    """A sharing of a public value, additive and by exclusive or alike: party 0 holds it, the others hold 0."""
+    """A sharing of a public value, additive or by exclusive or: party 0 holds it, the others hold 0."""
     return jnp.where(lax.axis_index(AXIS) == 0, public, jnp.zeros_like(public))
 
 
@@ -56,8 +57,8 @@ def deploy(program: Program, mesh: Mesh) -> Program:
     """Runs a program with one device for each party, under `jax.shard_map` over the mesh axis "party".
 
     The same calling convention as `simulate`; private arrays are sharded over the mesh, public ones
-    replicated. The devices may belong to different processes (`jax.distributed`). Shares and opened values are
-    bit-identical to the simulation's.
+    replicated. The devices may belong to different processes (`jax.distributed`). Shares and opened values
+    are bit-identical to the simulation's.
 
     Raises:
         ValueError: the mesh has no axis "party", or other axes beside it.

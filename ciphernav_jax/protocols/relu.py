@@ -23,14 +23,15 @@ def relu(dealer: Dealer, x: UInt64[Array, "..."], shift: int = 0) -> Relu:
     """max(x, 0) / 2^shift and the bit x > 0, from one opening of x.
 
     1. take [r], its bits, and [r >> shift], [r >> 63]; 2. open c = [x] + [r];
-    3. from c and those, locally, the truncated value x / 2^shift as a `Masked` value (`truncate.probabilistic`);
+    3. from c and those, locally, the truncated value x / 2^shift as a `Masked` value
+       (`truncate.probabilistic`);
     4. from c and the bits of r the bit b = (x > 0), again `Masked` (`compare.positive`);
     5. [b x / 2^shift] is the product of two `Masked` values: the dealer's products, no opening.
 
-    Opened: what `compare.positive` opens. Rounds: 7. Correlated randomness for each value: one `Mask` with bits and
-    shift, 31 bit `AndTriple`s, one of `SharedBits`, two `Product`s (one with shift 0).
-    Error: that of the truncation, below 1 unit of the result and unbiased; with shift 0 none. Valid for |x| < 2^62
-    (with shift 0 for all x but -2^63). The output is 0 exactly where the bit is 0.
+    Opened: what `compare.positive` opens. Rounds: 7. Correlated randomness for each value: one `Mask` with
+    bits and shift, 31 bit `AndTriple`s, one of `SharedBits`, two `Product`s (one with shift 0). Error: that
+    of the truncation, below 1 unit of the result and unbiased; with shift 0 none. Valid for |x| < 2^62 (with
+    shift 0 for all x but -2^63). The output is 0 exactly where the bit is 0.
     """
     mask = dealer.take(Mask(x.shape, shift, bits=True))
     c = open_sum(x + mask["mask"])

@@ -13,10 +13,10 @@ class Protocol:
     All variants are for semi-honest parties, up to P - 1 of which may collude, and a trusted dealer.
 
     Attributes:
-        frac_bits: fractional bits f of secret values, 1 to 30. The resolution is 2^-f; values, and products before
-            their truncation, must stay within +-2^(62 - 2 f). The default 20 gives a resolution of 1e-6 and
-            a range of 4 million: errors ten times below what 16 bits leave, and three orders of magnitude
-            above the batch sums of the paper's classifier.
+        frac_bits: fractional bits f of secret values, 1 to 30. The resolution is 2^-f; values, and products
+            before their truncation, must stay within +-2^(62 - 2 f). The default 20 gives a resolution of
+            1e-6 and a range of 4 million: errors ten times below what 16 bits leave, and three orders of
+            magnitude above the batch sums of the paper's classifier.
         truncation: "probabilistic" (unbiased, never fails in range, any number of parties) or "local" (no
             communication, two parties only, fails now and then; a baseline). See `protocols.truncate`.
     """

@@ -22,7 +22,7 @@ OFFSET_BITS = 62
 
 
 def probabilistic(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> Masked:
-    """Unbiased truncation with a dealer's mask: floor or ceiling of x / 2^shift, with the right probabilities.
+    """Unbiased truncation: floor or ceiling of x / 2^shift, with the right probabilities.
 
     For a signed x in [-2^62, 2^62), let x' = x + 2^62, so 0 <= x' < 2^63.
 
@@ -35,9 +35,10 @@ def probabilistic(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> Masked
     probability (x mod 2^shift) / 2^shift: E[y] = x / 2^shift.
 
     Opened: c, uniform and independent of x. Rounds: 1. Correlated randomness: one `Mask` with its shift.
-    Error: |y - x / 2^shift| < 1, bias 0. Failure: none for |x| < 2^62, whatever the number of parties; beyond,
-    the result is wrong. Not simulatable as a functionality with independent rounding: u is a function of the
-    opened c and of x, so a party that later learns y learns something of the low bits of r (Li et al., 2023).
+    Error: |y - x / 2^shift| < 1, bias 0. Failure: none for |x| < 2^62, whatever the number of parties;
+    beyond, the result is wrong. Not simulatable as a functionality with independent rounding: u is a function
+    of the opened c and of x, so a party that later learns y learns something of the low bits of r (Li et al.,
+    2023).
     Source: Escudero, Ghosh, Keller, Rachuri, Scholl, *Improved primitives for MPC over mixed
     arithmetic-binary circuits*, CRYPTO 2020, section 5; Dalskov, Escudero, Keller, PoPETs 2020.
     """
@@ -65,9 +66,10 @@ def local(x: UInt64[Array, "..."], shift: int) -> UInt64[Array, "..."]:
     """Each of two parties shifts its own share: party 0 takes x_0 >> shift, party 1 takes -((-x_1) >> shift).
 
     Opened: nothing. Rounds: 0. Correlated randomness: none. Error: below 1
-    unit and bias 0 as long as the shares wrap around as they should. Failure: with probability |x| / 2^64 they
-    do not, and the result is off by 2^(64 - shift).
-    Source: Mohassel and Zhang, *SecureML*, S&P 2017, section 4.1, theorem 1.
+    unit and bias 0 as long as the shares wrap around as they should. Failure: with probability |x| / 2^64
+    they do not, and the result is off by 2^(64 - shift).
+    Source: Mohassel and Zhang, *SecureML*, S&P 2017,
+    section 4.1, theorem 1.
 
     Raises:
         ValueError: not two parties; with more the shares wrap almost surely.

@@ -5,6 +5,8 @@ values at once, and a circuit over the bits of N values costs as many word opera
 Value number i * B + b of N (padded to 64 B) is bit i of the words in column b.
 """
 
+import math
+
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
@@ -53,7 +55,7 @@ def bit_slice(x: UInt64[Array, "..."]) -> UInt64[Array, "64 b"]:
 
 def bit_unslice(words: UInt64[Array, "64 b"], shape: tuple[int, ...]) -> UInt64[Array, "*shape"]:
     """The inverse of `bit_slice`, cut to `shape`."""
-    return _transpose(words).reshape(-1)[: int(np.prod(shape))].reshape(shape)
+    return _transpose(words).reshape(-1)[: math.prod(shape)].reshape(shape)
 
 
 def pack(bits: UInt64[Array, "..."]) -> UInt64[Array, " b"]:
@@ -64,7 +66,8 @@ def pack(bits: UInt64[Array, "..."]) -> UInt64[Array, " b"]:
     return jnp.sum(rows << np.arange(WORD, dtype=np.uint64)[:, None], axis=0, dtype=jnp.uint64)
 
 
-def unpack(row: UInt64[Array, " b"], shape: tuple[int, ...]) -> UInt64[Array, "*shape"]:
-    """The inverse of `pack`: values 0 or 1 of the given shape from one row of a sliced array."""
-    bits = (row >> np.arange(WORD, dtype=np.uint64)[:, None]) & np.uint64(1)
-    return bits.reshape(-1)[: int(np.prod(shape))].reshape(shape)
+def unpack(words: UInt64[Array, "*rows b"], shape: tuple[int, ...]) -> UInt64[Array, "..."]:
+    """The inverse of `pack`, row by row: values 0 or 1 of the given shape."""
+    bits = (words[..., None, :] >> np.arange(WORD, dtype=np.uint64)[:, None]) & np.uint64(1)
+    rows = words.shape[:-1]
+    return bits.reshape(*rows, -1)[..., : math.prod(shape)].reshape(*rows, *shape)

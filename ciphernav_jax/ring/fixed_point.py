@@ -4,14 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
+from jax.core import Tracer
 from jaxtyping import ArrayLike, Bool, Float, Int, UInt64
 
 WORD = 64
 
 
 def require_x64() -> None:
-    """Raises RuntimeError when JAX's 64-bit types are off: a ring element would silently lose its top half."""
-    if not jax.config.jax_enable_x64:
+    """Raises RuntimeError when JAX's 64-bit types are off: a ring element would lose its top half."""
+    if not jax.config.read("jax_enable_x64"):
         raise RuntimeError(
             "ciphernav_jax computes in uint64, but JAX's 64-bit types are switched off. "
             'Call jax.config.update("jax_enable_x64", True), or remove the line that disabled them.'
@@ -62,7 +63,7 @@ def encode(
     require_x64()
     if not 0 <= frac_bits <= WORD - 2:
         raise ValueError(f"frac_bits must lie in 0..{WORD - 2}, got {frac_bits}")
-    if not isinstance(values, jax.core.Tracer):
+    if not isinstance(values, Tracer):
         _check_range(np.asarray(values), frac_bits)
     scaled = jnp.round(no_gradient(values).astype(jnp.float64) * 2.0**frac_bits)
     # Through int64: casting a negative float to uint64 is undefined (0 on CPU).
@@ -78,8 +79,8 @@ def _check_range(values: np.ndarray, frac_bits: int) -> None:
     if np.any((rounded < -(2.0**63)) | (rounded >= 2.0**63)):
         worst = values.flat[np.argmax(np.abs(values))]
         raise ValueError(
-            f"cannot encode {worst:g}: with {frac_bits} fractional bits values lie in [-{bound:g}, {bound:g}). "
-            "Scale the values down or use fewer fractional bits."
+            f"cannot encode {worst:g}: with {frac_bits} fractional bits values lie in "
+            f"[-{bound:g}, {bound:g}). Scale the values down or use fewer fractional bits."
         )
 
 

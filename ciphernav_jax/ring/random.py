@@ -2,8 +2,8 @@
 
 The generator is XLA's counter-based Threefry-2x32 with 20 rounds (Salmon et al., *Parallel random numbers:
 as easy as 1, 2, 3*, SC 2011), on a 64-bit key: fast, reproducible, the same on every backend, and **not** a
-vetted cryptographic generator. A simulation needs uniform, independent words; a deployment needs a dealer with a
-cipher and a 128-bit key.
+vetted cryptographic generator. A simulation needs uniform, independent words; a deployment needs a dealer
+with a cipher and a 128-bit key.
 """
 
 import itertools
@@ -24,8 +24,8 @@ PIECE = 1 << 17
 def draw(key: Array, shapes: Sequence[tuple[int, ...]]) -> list[UInt64[Array, "..."]]:
     """Independent uniform uint64 arrays of the given shapes, cut in order from one stream of words.
 
-    The stream is made in a `scan`. XLA compiles the generator once for it however many arrays there are, and keeps
-    its output: it would otherwise fuse the generator into, and run it again for, each use of the words.
+    The stream is made in a `scan`. XLA compiles the generator once for it however many arrays there are, and
+    keeps its output: it would otherwise fuse the generator into, and run it again for, each use of the words.
 
     Args:
         key: a JAX random key. The same key and shapes give the same words.
@@ -52,9 +52,7 @@ def _stream(key: Array, count: int) -> UInt64[Array, " count"]:
     steps = -(-count // piece) if piece else 0
 
     def step(state, _):
-        return lax.rng_bit_generator(
-            state, (piece,), jnp.uint64, algorithm=lax.RandomAlgorithm.RNG_THREE_FRY
-        )
+        return lax.rng_bit_generator(state, (piece,), jnp.uint64, algorithm=lax.RandomAlgorithm.RNG_THREE_FRY)
 
     _, uniform = lax.scan(step, state, length=steps)
     return uniform.reshape(-1)[:count]

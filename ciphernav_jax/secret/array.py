@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.core import Tracer
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
@@ -63,10 +64,14 @@ class Secret:
 
     def __repr__(self) -> str:
         # Shares are noise to a reader, and a value must not slip into a log.
-        return f"Secret({self.dtype.name}{list(self.shape)}, parties={self.parties}, frac_bits={self.frac_bits})"
+        return (
+            f"Secret({self.dtype.name}{list(self.shape)}, parties={self.parties}, frac_bits={self.frac_bits})"
+        )
 
     def __array__(self, *_, **__):
-        raise TypeError("a Secret has no public value. Compute on it inside secure(f), or open it with reveal(x).")
+        raise TypeError(
+            "a Secret has no public value. Compute on it inside secure(f), or open it with reveal(x)."
+        )
 
     __jax_array__ = __array__
 
@@ -104,14 +109,15 @@ def share(key: Array, values: Any, *, parties: int, protocol: Protocol | None = 
 def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> Secret:
     values = values if isinstance(values, jax.Array) else np.asarray(values)
     dtype = np.dtype(jax.dtypes.canonicalize_dtype(values.dtype))
-    if not (jnp.issubdtype(dtype, np.floating) or jnp.issubdtype(dtype, np.integer) or dtype == bool):
+    if not (jnp.issubdtype(dtype, np.floating) or jnp.issubdtype(dtype, np.integer) or dtype.kind == "b"):
         raise TypeError(f"cannot share an array of dtype {dtype}; share floats, integers or bools")
     if jnp.issubdtype(dtype, np.floating):
         frac_bits = protocol.frac_bits
-        if not isinstance(values, jax.core.Tracer) and np.any(np.abs(values) >= protocol.bound):
+        if not isinstance(values, Tracer) and np.any(np.abs(values) >= protocol.bound):
             raise ValueError(
                 f"cannot share {np.max(np.abs(values)):g}: with {frac_bits} fractional bits values and products "
-                f"stay below {protocol.bound:g} in magnitude. Scale the values down, or use fewer fractional bits."
+                f"stay below {protocol.bound:g} in magnitude. "
+                "Scale the values down, or use fewer fractional bits."
             )
         encoded = ring.encode(values, frac_bits)
     else:
@@ -123,7 +129,7 @@ def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> S
 def reveal(x: Any) -> Any:
     """Opens secrets: every `Secret` in a pytree becomes an array of its dtype; the rest is passed through.
 
-    **This makes values public.** All parties send their shares; each entry costs every party 8 bytes to each other.
+    **This makes values public.** All parties send their shares: 8 bytes an entry from each to each other.
     """
     return jax.tree.map(lambda leaf: _reveal_array(leaf) if _is_secret(leaf) else leaf, x, is_leaf=_is_secret)
 

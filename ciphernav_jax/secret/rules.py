@@ -1,7 +1,7 @@
 """One rule for each primitive: what a JAX operation becomes when some of its operands are secret.
 
-A rule is called as `rule(context, *operands, **params)` with the primitive's own parameters. Operands are `Value`
-(secret) or arrays (public; a numpy array where the value is known while tracing), and at least one is
+A rule is called as `rule(context, *operands, **params)` with the primitive's own parameters. Operands are
+`Value` (secret) or arrays (public; a numpy array where the value is known while tracing), and at least one is
 secret. It returns the result, or a list of them.
 
 By family: data movement, linear, products, comparisons, selection, logic. What has no rule is refused by
@@ -172,7 +172,7 @@ def _mul(context: Context, x: Operand, y: Operand, **_: Any) -> Value:
     if isinstance(x, Value) and isinstance(y, Value):
         return x.times(y)
     secret, public = (x, y) if isinstance(x, Value) else (y, x)
-    assert isinstance(secret, Value) and not isinstance(public, Value)
+    assert isinstance(secret, Value)
     multiply = times_constant if isinstance(public, np.ndarray) else times_public
     return multiply(secret, public)  # pyright: ignore[reportArgumentType]
 
@@ -193,14 +193,10 @@ def _square(context: Context, x: Value) -> Value:
 def _integer_pow(context: Context, x: Value, *, y: int) -> Value:
     if y < 1:
         raise Unsupported(f"the power {y} is not positive; divisions by a secret are not supported")
-    power: Value | None = None
-    while True:
-        if y & 1:
-            power = x if power is None else power.times(x)
-        y >>= 1
-        if not y:
-            return power
-        x = x.times(x)
+    if y == 1:
+        return x
+    square = _integer_pow(context, x.times(x), y=y // 2)
+    return square.times(x) if y % 2 else square
 
 
 @rule("dot_general")

@@ -1,8 +1,8 @@
 """From functions on floats to functions on secrets.
 
 `secure(f)` traces f to a jaxpr and evaluates that jaxpr inside one party's program, with one rule for each
-primitive (`rules`). Gradients need nothing of their own: `secure(jax.value_and_grad(loss))` traces to a jaxpr in
-which the backward pass is ordinary arithmetic.
+primitive (`rules`). Gradients need nothing of their own: `secure(jax.value_and_grad(loss))` traces to a jaxpr
+in which the backward pass is ordinary arithmetic.
 """
 
 from collections.abc import Callable
@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.core import Tracer
 from jax.extend import source_info_util
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 from jax.sharding import Mesh
@@ -48,7 +49,8 @@ class Secure:
     _jitted: Callable[..., Any] = field(init=False, repr=False)
 
     def __post_init__(self):
-        # jit keeps public arguments abstract, so that what a program asks the dealer for never depends on them.
+        # jit keeps public arguments abstract, so that what a program asks the dealer for never depends on
+        # them.
         object.__setattr__(self, "_jitted", jax.jit(self._evaluate))
 
     def __call__(self, key: Array, *args: Any) -> Any:
@@ -112,8 +114,8 @@ def secure(function: Callable[..., Any], *, protocol: Protocol | None = None) ->
 
     Args:
         function: any JAX function of float arrays (pytrees of them) whose primitives have a rule: MLPs, ReLU,
-            squared losses, comparisons, `jnp.where`, sums, reshapes, and `jax.grad` of them. What it closes over
-            is public. Python numbers in it are constants: powers of two and integers multiply exactly.
+            squared losses, comparisons, `jnp.where`, sums, reshapes, and `jax.grad` of them. What it closes
+            over is public. Python numbers in it are constants: powers of two and integers multiply exactly.
         protocol: the variants; the precision must be that of the secrets given.
 
     Returns:
@@ -140,9 +142,9 @@ def deploy(step: Secure, mesh: Mesh) -> Secure:
             `jax.make_mesh((parties,), ("party",))`.
 
     Returns:
-        A function like `step`. The shares it gives are bit-identical to the simulation's. The dealer's part is
-        computed from `key` by every process, which stands in for a dealer that hands each party its own: a test of
-        the program on real messages, not yet a deployment among parties that distrust one another.
+        A function like `step`. The shares it gives are bit-identical to the simulation's. The dealer's part
+        is computed from `key` by every process, which stands in for a dealer that hands each party its own: a
+        test of the program on real messages, not yet a deployment among parties that distrust one another.
     """
     return replace(step, mesh=mesh)
 
@@ -160,7 +162,8 @@ def _check_secrets(secrets: list[Secret], protocol: Protocol) -> int:
     parties = {x.parties for x in secrets}
     if len(parties) > 1:
         raise ValueError(
-            f"the secrets belong to different numbers of parties: {sorted(parties)}. Share all of them among the same parties."
+            f"the secrets belong to different numbers of parties: {sorted(parties)}. "
+            "Share all of them among the same parties."
         )
     for x in secrets:
         expected = protocol.frac_bits if jnp.issubdtype(x.dtype, np.floating) else 0
@@ -192,7 +195,7 @@ def _evaluate_jaxpr(context: Context, jaxpr: Jaxpr, consts: list[Any], args: lis
     def write(variables, values):
         env.update(zip(variables, values, strict=True))
 
-    write(jaxpr.constvars, [x if isinstance(x, jax.core.Tracer) else np.asarray(x) for x in consts])
+    write(jaxpr.constvars, [x if isinstance(x, Tracer) else np.asarray(x) for x in consts])
     write(jaxpr.invars, args)
     for eqn in jaxpr.eqns:
         operands = [read(atom) for atom in eqn.invars]
@@ -240,7 +243,7 @@ WAYS_OUT = {
     "logistic": "Use ReLU, or a piecewise linear sigmoid: jnp.clip(x / 4 + 0.5, 0, 1).",
     "tanh": "Use ReLU, or the piecewise linear jnp.clip(x, -1, 1).",
     "sqrt": "Keep the square, or reveal it where that is agreed.",
-    "conv_general_dilated": "Write the convolution as a product of patches (slices, stacked) with the kernel.",
+    "conv_general_dilated": "Write the convolution as a product of patches (stacked slices) with the kernel.",
     "while": "Loop outside: call secure(f) inside lax.scan or lax.while_loop.",
     "scan": "Loop outside: call secure(f) inside lax.scan.",
     "cond": "Select with jnp.where; a branch on a secret would show which side was taken.",
@@ -248,7 +251,8 @@ WAYS_OUT = {
 
 
 def _way_out(name: str) -> str:
-    default = "Compute it on public values before sharing, or build it from supported operations: " + ", ".join(
-        sorted(RULES)
+    default = (
+        "Compute it on public values before sharing, or build it from supported operations: "
+        + ", ".join(sorted(RULES))
     )
     return WAYS_OUT.get(name, default + ".")

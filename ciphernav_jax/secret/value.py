@@ -131,7 +131,7 @@ class Value:
         return self._new(self.frac_bits - shift, output)
 
     def is_bit(self) -> bool:
-        """Whether this is a bit whose opening under a mask is known: products with it open nothing more for it."""
+        """Whether this is a bit already open under a mask: products with it open nothing more for it."""
         return self.frac_bits == 0 and self.form is not None
 
     def times(self, other: "Value") -> "Value":
@@ -211,7 +211,7 @@ def where(condition: Value, on_true: Value, on_false: Value) -> Value:
 def dot_public(
     x: Value, public: Array | np.ndarray, dimension_numbers: DimensionNumbers, *, public_left: bool
 ) -> Value:
-    """The tensor product of a secret and a public array, in either order. Local; the truncation is left pending."""
+    """The tensor product of a secret and a public array. Local; the truncation is left pending."""
     x = x.settled
     bits = x.context.protocol.frac_bits
     if isinstance(public, np.ndarray):
