@@ -1,0 +1,14 @@
+"""The paper's networks, in Flax nnx: two encoders and the action classifier.
+
+- `convolution`: a strided convolution written as one matrix product.
+- `encoders`: a view's pixels, or a map, to features.
+- `classifier`: the features of five views and a map to five action logits.
+- `navigator`: the three together, trained end to end in plaintext.
+"""
+
+from ciphernav_jax.models.classifier import ActionClassifier
+from ciphernav_jax.models.convolution import Convolution
+from ciphernav_jax.models.encoders import MapEncoder, ViewEncoder
+from ciphernav_jax.models.navigator import Navigator
+
+__all__ = ["ActionClassifier", "Convolution", "MapEncoder", "Navigator", "ViewEncoder"]
