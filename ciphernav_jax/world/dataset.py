@@ -121,7 +121,7 @@ class Dataset:
             int(self.layout[index]), int(self.start_heading[index]), int(self.goal[index]), obstacles
         )
 
-    def keys(self) -> frozenset[tuple[int, int]]:
+    def pairs(self) -> frozenset[tuple[int, int]]:
         """The (layout, obstacle cells) pairs that occur, see `Scenario.key`."""
         return frozenset(map(key, self.layout, self.obstacles))
 
@@ -184,7 +184,7 @@ def generate(
         if value < least:
             raise ValueError(f"{name}={value} must be at least {least}.")
     out = Path(out)
-    seen = frozenset() if unseen_by is None else load(unseen_by).keys()
+    seen = frozenset() if unseen_by is None else load(unseen_by).pairs()
     request = Request(split, count, seed, seen)
     meta = {
         "format": FORMAT,

@@ -38,14 +38,16 @@ def everything() -> Everything:
     return Everything(*map(np.stack, zip(*rows, strict=True)))
 
 
-SMALL = {"split": "train", "count": 130, "seed": 0}
+@pytest.fixture(scope="session")
+def arguments():
+    """What decides a data set of two shards, the second a short one."""
+    return {"split": "train", "count": 130, "seed": 0}
 
 
 @pytest.fixture(scope="session")
-def small_folder(tmp_path_factory):
-    """A data set of two shards, the second a short one."""
+def small_folder(arguments, tmp_path_factory):
     out = tmp_path_factory.mktemp("world") / "small"
-    dataset.generate(**SMALL, out=out, workers=2, progress=False)
+    dataset.generate(**arguments, out=out, workers=2, progress=False)
     return out
 
 

@@ -30,7 +30,17 @@ def test_border_is_free_and_has_16_cells():
 
 @pytest.mark.parametrize(
     ("cell", "action", "expected"),
-    [(0, 0, 0), (0, 1, -1), (0, 2, 5), (0, 3, -1), (0, 4, 1), (12, 1, 7), (12, 3, 11), (4, 4, -1), (24, 2, -1)],
+    [
+        (0, 0, 0),
+        (0, 1, -1),
+        (0, 2, 5),
+        (0, 3, -1),
+        (0, 4, 1),
+        (12, 1, 7),
+        (12, 3, 11),
+        (4, 4, -1),
+        (24, 2, -1),
+    ],
 )
 def test_move(cell, action, expected):
     assert grid.move(cell, action) == expected

@@ -119,7 +119,11 @@ def test_obstacles_stay_inside_their_cells_and_off_the_start(drawn):
 def test_splits_seeds_and_indices_are_independent_draws():
     first = [Request("train", 20, seed=0).scenario(i) for i in range(20)]
     assert first == [Request("train", 99, seed=0).scenario(i) for i in range(20)]
-    for other in (Request("test", 20, seed=0), Request("validation", 20, seed=0), Request("train", 20, seed=1)):
+    for other in (
+        Request("test", 20, seed=0),
+        Request("validation", 20, seed=0),
+        Request("train", 20, seed=1),
+    ):
         assert not set(first) & {other.scenario(i) for i in range(20)}
     assert len(set(first)) == 20
 
