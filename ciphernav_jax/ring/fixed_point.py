@@ -49,14 +49,13 @@ def encode(
     """Fixed-point encoding round(v * 2^frac_bits) mod 2^64, ties to even.
 
     Args:
-        values: real numbers v of any shape, |v| within `value_range(frac_bits)`. Floats with more than
-            53 significant bits do not exist, so the encoding of a float64 is exact when v * 2^frac_bits
-            is an integer.
+        values: real numbers v of any shape, |v| within `value_range(frac_bits)`. The encoding is exact when
+            v * 2^frac_bits is an integer; so integers always are, also those beyond a float's 53 bits.
         frac_bits: fractional bits f, 0 <= f <= 62; the resolution is 2^-f.
 
     Raises:
         ValueError: a value is not finite or out of range. Only concrete values can be looked at: under
-            `jit` the check is the caller's, and an out-of-range value saturates.
+            `jit` the check is the caller's; out of range, a float saturates and an integer wraps around.
         RuntimeError: 64-bit types are switched off.
         TypeError: the encoding is being differentiated.
     """
@@ -65,19 +64,25 @@ def encode(
         raise ValueError(f"frac_bits must lie in 0..{WORD - 2}, got {frac_bits}")
     if not isinstance(values, Tracer):
         _check_range(np.asarray(values), frac_bits)
-    scaled = jnp.round(no_gradient(values).astype(jnp.float64) * 2.0**frac_bits)
+    values = no_gradient(values)
+    if jnp.issubdtype(values.dtype, jnp.integer):
+        return lax.bitcast_convert_type(values.astype(jnp.int64) << frac_bits, jnp.uint64)
+    scaled = jnp.round(values.astype(jnp.float64) * 2.0**frac_bits)
     # Through int64: casting a negative float to uint64 is undefined (0 on CPU).
     return lax.bitcast_convert_type(scaled.astype(jnp.int64), jnp.uint64)
 
 
 def _check_range(values: np.ndarray, frac_bits: int) -> None:
-    values = values.astype(np.float64)
-    if not np.all(np.isfinite(values)):
-        raise ValueError("cannot encode values that are not finite (NaN or infinity)")
     bound = value_range(frac_bits)
-    rounded = np.round(values * 2.0**frac_bits)
-    if np.any((rounded < -(2.0**63)) | (rounded >= 2.0**63)):
-        worst = values.flat[np.argmax(np.abs(values))]
+    if np.issubdtype(values.dtype, np.integer):
+        outside = (values < -int(bound)) | (values >= int(bound))  # as integers: a float would round
+    else:
+        values = values.astype(np.float64)
+        if not np.all(np.isfinite(values)):
+            raise ValueError("cannot encode values that are not finite (NaN or infinity)")
+        outside = (values < -bound) | (values >= bound)
+    if np.any(outside):
+        worst = max(values[outside].tolist(), key=abs)
         raise ValueError(
             f"cannot encode {worst:g}: with {frac_bits} fractional bits values lie in "
             f"[-{bound:g}, {bound:g}). Scale the values down or use fewer fractional bits."
