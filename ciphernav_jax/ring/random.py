@@ -45,7 +45,9 @@ def _stream(key: Array, count: int) -> UInt64[Array, " count"]:
     if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         key = jax.random.wrap_key_data(key)
     words = jax.random.key_data(key).astype(jnp.uint32).reshape(-1)
-    state = jnp.concatenate([words, jnp.zeros(4, jnp.uint32)])[:4]
+    # The counter starts at 2^63. `jax.random` derives keys and bits from the same block function with small
+    # counters: from 0, the first word drawn from a key would be the key that split or fold_in makes of it.
+    state = jnp.concatenate([words, jnp.array([0, 1 << 31], jnp.uint32)])[:4]
 
     # At least two steps: XLA unrolls a loop of one, and then fuses it as above.
     piece = min(PIECE, -(-count // 2))
