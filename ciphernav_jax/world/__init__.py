@@ -10,6 +10,7 @@ In import order; MiniWorld and OpenGL are touched only from `renderer` on, JAX n
 - `gl`: OpenGL, or a message that says what is missing.
 - `renderer`: views, drawn by MiniWorld.
 - `topview`: a picture of the map, the obstacles, the cameras and a path.
+- `window`: shows pictures, for `render_mode="human"`.
 - `environment`: `ObstacleWorld`, the gymnasium environment.
 - `shards`, `journal`: rendering in processes, and writing so that a killed run resumes.
 - `dataset`: the data set on disk; `load` and `generate`.

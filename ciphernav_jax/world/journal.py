@@ -6,6 +6,7 @@ arrays, `meta.json` is written, and one rename turns `data` into `<out>`, which 
 either absent or complete.
 """
 
+import fcntl
 import hashlib
 import json
 import os
@@ -39,7 +40,8 @@ class Journal:
             was begun for an equal one.
 
     Raises:
-        FileExistsError: when the partial folder belongs to another request.
+        FileExistsError: when the partial folder belongs to another request, or to a process that
+            is writing to it now.
     """
 
     def __init__(self, out: Path, request: dict[str, Any]):
@@ -118,12 +120,23 @@ class Journal:
                 f"{self._folder} was begun for another request or with other versions (see {path.name}); "
                 "remove that folder to start afresh."
             )
+        self._lock = open(path)  # noqa: SIM115 - held as long as this object lives
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise FileExistsError(f"Another process is writing to {self._folder}; wait for it.") from None
 
     def _read_records(self) -> list[dict[str, NDArray]]:
+        """The records, up to the last one that all images are there for."""
+        views = self._data / "views.npy"
+        stored = views.stat().st_size // _VIEW_BYTES if views.exists() else 0  # the header is shorter
         records = []
         for path in sorted(self._folder.glob("record-*.npz")):
             with np.load(path) as arrays:
-                records.append(dict(arrays))
+                record = dict(arrays)
+            if record["views"] > stored:
+                break
+            records.append(record)
         return records
 
     def _open_views(self) -> tuple[BinaryIO, dict[bytes, int]]:

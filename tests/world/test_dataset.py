@@ -1,3 +1,4 @@
+import fcntl
 import json
 import os
 import shutil
@@ -14,6 +15,7 @@ from ciphernav_jax.world import dataset, planner, shards
 from ciphernav_jax.world.environment import ObstacleWorld
 from ciphernav_jax.world.generate import Generate, run
 from ciphernav_jax.world.grid import WALLS
+from ciphernav_jax.world.journal import Journal
 from ciphernav_jax.world.poses import CAMERAS
 from ciphernav_jax.world.shards import Request
 
@@ -101,9 +103,27 @@ def test_killed_run_resumes_to_the_same_bytes(arguments, small_folder, tmp_path)
     (partial / "record-00002.new").write_bytes(b"half a record")
     with pytest.raises(FileExistsError, match="another request"):
         dataset.generate(**arguments | {"seed": 1}, out=out, progress=False)
+    with open(partial / "request.json") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with pytest.raises(FileExistsError, match="Another process"):
+            dataset.generate(**arguments, out=out, progress=False)
     dataset.generate(**arguments, out=out, workers=1, progress=False)
     assert bytes_of(out) == bytes_of(small_folder)
     assert not partial.exists()
+
+
+def test_records_without_their_images_count_for_nothing(arguments, tmp_path):
+    """As after a loss of power, or when a finished folder was removed before its records were."""
+    out, partial = tmp_path / "out", tmp_path / "out.partial"
+    first = dataset.draw_shards(Request(**arguments), [shards.BACKGROUNDS], workers=1)
+    journal = Journal(out, {})
+    journal.add(next(first))
+    assert journal.shards == 1
+    assert journal.views > 12
+    del journal
+    os.truncate(partial / "data" / "views.npy", 5_000)
+    journal = Journal(out, {})
+    assert (journal.shards, journal.views) == (0, 0)
 
 
 def wait_for(condition, seconds=60):
