@@ -47,10 +47,18 @@ def test_convolution_and_its_gradients_equal_xlas(shape, block):
         return nnx.merge(graph, {**nnx.to_pure_dict(state), "kernel": kernel})(images)
 
     kernel = layer.kernel[...]
-    expected, transpose = jax.vjp(reference, kernel, images)
-    actual, our_transpose = jax.vjp(ours, kernel, images)
+    weights = jax.random.normal(
+        jax.random.key(1), jax.eval_shape(reference, kernel, images).shape, jnp.float32
+    )
+
+    def forward_and_backward(convolve):
+        output, transpose = jax.vjp(convolve, kernel, images)
+        return output, transpose(weights)
+
+    expected, gradients = jax.jit(lambda: forward_and_backward(reference))()
+    actual, our_gradients = jax.jit(lambda: forward_and_backward(ours))()
     np.testing.assert_allclose(actual, expected, atol=1e-5)
-    for gradient, other in zip(our_transpose(expected), transpose(expected), strict=True):
+    for gradient, other in zip(our_gradients, gradients, strict=True):
         np.testing.assert_allclose(gradient, other, rtol=1e-4, atol=1e-3)
 
 
@@ -63,8 +71,12 @@ def test_convolution_says_when_blocks_do_not_fit():
 def test_networks_take_raw_bytes_and_return_float32():
     views = jnp.zeros((2, 45, 60, 3), jnp.uint8)
     maps = jnp.zeros((2, 25), jnp.uint8)
-    navigator = Navigator(nnx.Rngs(0))
-    view, place = navigator.view_encoder(views), navigator.map_encoder(maps)
-    logits = navigator.classifier(jnp.concatenate([view] * 5 + [place], axis=-1))
+
+    @nnx.jit
+    def run(navigator, views, maps):
+        view, place = navigator.view_encoder(views), navigator.map_encoder(maps)
+        return view, place, navigator.classifier(jnp.concatenate([view] * 5 + [place], axis=-1))
+
+    view, place, logits = run(Navigator(nnx.Rngs(0)), views, maps)
     assert (view.shape, place.shape, logits.shape) == ((2, 32), (2, 128), (2, 5))
     assert {view.dtype, place.dtype, logits.dtype} == {jnp.dtype("float32")}

@@ -1,0 +1,129 @@
+"""The command line: `ciphernav generate | train | evaluate | demo`.
+
+What a command needs is imported when it runs, so that `--help` is quick and the processes that
+render never load JAX.
+"""
+
+import os
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from ciphernav_jax.world.generate import Generate
+
+Method = Literal[
+    "map-only", "first-person", "first-person-deterministic", "plaintext", "plaintext-classifier", "secret"
+]
+
+
+@dataclass
+class Train:
+    """Train a navigator. Killed, the same command goes on with it and ends with the same bits.
+
+    `map-only`, `first-person`, `first-person-deterministic` and `plaintext` (camera views) train
+    encoders and classifier together in plaintext. `secret` keeps a plaintext training's encoders and
+    trains a new classifier from scratch under secret sharing; `plaintext-classifier` does the same
+    without secrets, for comparison.
+    """
+
+    method: Method
+    """What the robot sees, and whether in secret."""
+    data: Path
+    """Training set, made by `ciphernav generate --split train`."""
+    out: Path
+    """Folder for the checkpoints, the result and the training curve."""
+    parties: int | None = None
+    """Parties of a secret training: 2 (robot, owner of all cameras), 5 (robot, four owners), or any
+    other number from 2 on. Default 2."""
+    encoders: Path | None = None
+    """Finished `plaintext` training whose encoders to keep; without it one is trained in OUT/encoders."""
+    seed: int = 0
+    """Decides everything random."""
+    epochs: int | None = None
+    """Passes over the environments when training end to end; default 24."""
+    steps: int | None = None
+    """Steps of a secret training, or of plaintext-classifier; default 1060."""
+    batch: int | None = None
+    """Batch size: environments end to end (default 50), samples for a classifier alone (default 500)."""
+    loss: Literal["cross-entropy", "squared"] = "cross-entropy"
+    """Loss end to end; the paper's is squared. A classifier alone always has the squared loss."""
+
+
+@dataclass
+class Evaluate:
+    """Let a trained navigator drive in every environment of a test set, and count how it ends.
+
+    A secret one drives under secret sharing: the best action is opened at each step, nothing else.
+    """
+
+    model: Path
+    """Folder of a finished `ciphernav train`; `random` for the random walk."""
+    data: Path
+    """Test set, made by `ciphernav generate --split test`."""
+    out: Path | None = None
+    """Folder for metrics.json; by default MODEL/evaluation (out/random for the random walk)."""
+    seed: int = 0
+    """Of the shares and protocols, or of the random walk."""
+
+
+@dataclass
+class Demo:
+    """The whole job, small: make a world, train in plaintext and in secret, navigate, print the table.
+
+    Takes a few minutes on two cores. OUT then holds the table (table.json, table.md), the
+    training curves (curves.png) and some episodes (episodes.png). Killed, it goes on where it was.
+    """
+
+    out: Path = Path("out/demo")
+    """Folder for everything that is made."""
+    seed: int = 0
+    """Decides everything random."""
+    train: int = 3000
+    """Training environments."""
+    test: int = 600
+    """Test environments."""
+    epochs: int = 18
+    """Epochs of the plaintext trainings."""
+    steps: int = 424
+    """Steps of the secret trainings."""
+    parties: Annotated[list[int], tyro.conf.arg(metavar="P [P ...]")] = field(default_factory=lambda: [2, 5])
+    """Numbers of parties to train with in secret."""
+    workers: int = os.cpu_count() or 1
+    """Rendering processes."""
+
+
+def main() -> None:
+    """Parse the command line and run the command."""
+    command = tyro.extras.subcommand_cli_from_dict(
+        {"generate": Generate, "train": Train, "evaluate": Evaluate, "demo": Demo},
+        prog="ciphernav",
+        description="A robot that navigates by other parties' cameras while nobody sees anybody's images.",
+    )
+    try:
+        _run(command)
+    except (ValueError, FileNotFoundError, FileExistsError, RuntimeError) as error:
+        print(f"ciphernav: {error}", file=sys.stderr)
+        sys.exit(1)
+
+
+def _run(command: Generate | Train | Evaluate | Demo) -> None:
+    match command:
+        case Generate():
+            from ciphernav_jax.world import generate
+
+            generate.run(command)
+        case Train():
+            from ciphernav_jax.navigation import commands
+
+            commands.train(command)
+        case Evaluate():
+            from ciphernav_jax.navigation import commands
+
+            commands.evaluate(command)
+        case Demo():
+            from ciphernav_jax.navigation import demo
+
+            demo.run(command)

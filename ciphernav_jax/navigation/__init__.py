@@ -1,0 +1,14 @@
+"""Training, plain and secret, and closed-loop navigation. In reading order:
+
+- `methods`: what each method of the paper's table sees.
+- `parties`: who holds what, and what is secret.
+- `samples`: teacher-forced samples of a data set.
+- `features`: each party encodes its own views.
+- `plain`: encoders and classifier, end to end, in plaintext.
+- `classifier`: a fresh classifier on frozen features, in plaintext or under secret sharing.
+- `storage`: checkpoints and files that survive a kill.
+- `rollout`: closed-loop episodes, with any policy.
+- `policies`: networks, plain and secret, as policies.
+- `metrics`: counts, accuracies, the table beside the paper's.
+- `pictures`, `demo`: what a newcomer sees.
+"""

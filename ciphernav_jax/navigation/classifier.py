@@ -1,0 +1,181 @@
+"""A fresh action classifier on frozen features, in plaintext or under secret sharing.
+
+Both run the same ordinary JAX function, `sgd_step`. Under secret sharing every party shares the
+slots it owns once, the weights are shared from the start and never opened, and all that comes out
+is the loss, summed over a chunk of steps.
+"""
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from numpy.typing import NDArray
+
+from ciphernav_jax.models import ActionClassifier
+from ciphernav_jax.models.classifier import ACTIONS
+from ciphernav_jax.navigation.features import Features
+from ciphernav_jax.navigation.parties import SLOTS, cast
+from ciphernav_jax.navigation.plain import Report
+from ciphernav_jax.navigation.samples import Samples
+from ciphernav_jax.navigation.storage import Checkpoints
+from ciphernav_jax.secret import reveal, secure, share
+
+GRAPH = nnx.split(ActionClassifier(nnx.Rngs(0)))[0]
+
+
+@dataclass(frozen=True)
+class FreshClassifier:
+    """How to train the classifier: SGD with momentum on the squared loss, the rate falling to 0."""
+
+    steps: int = 1060
+    """Steps, a batch each."""
+    batch: int = 500
+    """Samples per step."""
+    learning_rate: float = 0.6
+    """For the mean squared error; taken to the power of two nearest in the update."""
+    momentum: float = 0.9
+    """Part of the velocity that is kept at each step."""
+    chunk: int = 53
+    """Steps between checkpoints; they run as one compiled loop."""
+
+    @property
+    def scale(self) -> float:
+        """What the gradient of the summed loss is multiplied by: a power of two.
+
+        The loss is kept as a sum, whose gradients are far from the resolution of fixed point, and
+        the mean's 1 / (batch * 5) goes into the rate; a power of two makes it a mere shift.
+        """
+        return 2.0 ** round(np.log2(self.learning_rate / (self.batch * ACTIONS)))
+
+
+def predict(params: Any, slots: tuple) -> jax.Array:
+    """The five logits, float32[n, 5], from the six slots of the input, float32[n, 32 or 128]."""
+    return nnx.merge(GRAPH, params)(jnp.concatenate(slots, axis=-1))
+
+
+def initial(seed: int) -> dict:
+    """Random public weights of a fresh classifier, as a dict of float32 arrays."""
+    return nnx.to_pure_dict(nnx.split(ActionClassifier(nnx.Rngs(seed)))[1])
+
+
+def sgd_step(state: tuple, slots: tuple, labels: jax.Array, decay: jax.Array, recipe: FreshClassifier):
+    """One step. Ordinary JAX: `secure` turns it into a protocol as it stands.
+
+    Args:
+        state: weights and velocity, two pytrees of the same shape, and the loss summed so far.
+        slots: the batch's six slots.
+        labels: float32[n, 5], one-hot actions.
+        decay: float32 scalar, public, by which the rate has fallen.
+        recipe: the scale and the momentum.
+
+    Returns:
+        The next state; the loss is the squared error summed over samples and actions.
+    """
+    params, velocity, total = state
+
+    def error(params):
+        return jnp.sum(jnp.square(predict(params, slots) - labels))
+
+    loss, gradient = jax.value_and_grad(error)(params)
+    velocity = jax.tree.map(lambda v, g: recipe.momentum * v - decay * (recipe.scale * g), velocity, gradient)
+    return jax.tree.map(jnp.add, params, velocity), velocity, total + loss
+
+
+def train(
+    features: Features,
+    samples: Samples,
+    recipe: FreshClassifier,
+    seed: int,
+    checkpoints: Checkpoints,
+    report: Report,
+    parties: int | None = None,
+) -> tuple[Any, list[dict]]:
+    """Train a fresh classifier, or go on from the latest checkpoint: the same to the bit.
+
+    Args:
+        features: standardised features of the training environments.
+        samples: the training samples.
+        recipe: how to train.
+        seed: of the weights, the batches, the shares and the protocols' randomness.
+        checkpoints: one is kept, after the latest chunk of steps; of a secret it holds the shares.
+        report: called after each chunk.
+        parties: how many share the secrets; None trains in plaintext.
+
+    Returns:
+        The weights, secret if there are parties, and the curve: a dict of step and mean loss for each
+        chunk. Of a secret training the sum of a chunk's losses is opened and nothing else.
+
+    Raises:
+        ValueError: fewer than two parties.
+    """
+    weights_key, data_key, loss_key, protocol_key = (
+        jax.random.fold_in(jax.random.key(seed), n) for n in range(4)
+    )
+    weights = initial(seed)
+    state = (weights, jax.tree.map(jnp.zeros_like, weights))
+    data = (features.cameras, features.robot(samples.env, samples.cell, samples.heading), one_hot(samples))
+    if parties is not None:
+        state = share(weights_key, state, parties=parties)
+        data = share_training_data(data_key, data, parties)
+
+    done, state, curve = checkpoints.restore(state)
+    while done < recipe.steps:
+        steps = np.arange(done, min(done + recipe.chunk, recipe.steps))
+        rows = np.stack([_batch_rows(step, len(samples), recipe.batch, seed) for step in steps.tolist()])
+        decay = (1 - steps / recipe.steps).astype(np.float32)
+        total = jnp.float32(0)
+        if parties is not None:
+            total = share(jax.random.fold_in(loss_key, done), total, parties=parties)
+        batches = (steps, decay, samples.env[rows], rows)
+        *state, total = _run(protocol_key, (*state, total), data, batches, recipe, parties is not None)
+        done += len(steps)
+        loss = float(reveal(total)) / (len(steps) * recipe.batch * ACTIONS)
+        curve = [*curve, {"step": done, "loss": loss}]
+        checkpoints.save(done, tuple(state), curve)
+        report(done, recipe.steps, curve[-1])
+    return state[0], curve
+
+
+@functools.partial(jax.jit, static_argnames=("recipe", "secret"), donate_argnames="state")
+def _run(key: jax.Array, state: tuple, data: tuple, batches: tuple, recipe: FreshClassifier, secret: bool):
+    """A chunk of steps as one loop; a step's randomness comes from its number, wherever the chunk began."""
+    cameras, robot, labels = data
+    plain = functools.partial(sgd_step, recipe=recipe)
+    advance = secure(plain) if secret else lambda _, *args: plain(*args)
+
+    def body(state, batch):
+        step, decay, env, row = batch
+        slots = (*(camera[env] for camera in cameras), *(slot[row] for slot in robot))
+        return advance(jax.random.fold_in(key, step), state, slots, labels[row], decay), None
+
+    return jax.lax.scan(body, state, batches)[0]
+
+
+def one_hot(samples: Samples) -> NDArray[np.float32]:
+    """float32[S, 5]: the right actions."""
+    return np.eye(ACTIONS, dtype=np.float32)[samples.action]
+
+
+def share_training_data(key: jax.Array, data: tuple, parties: int) -> tuple:
+    """Each owner shares its slots once, with randomness of its own; the robot shares the labels too."""
+    cameras, robot, labels = data
+    slots = dict(zip(SLOTS, (*cameras, *robot), strict=True))
+    shared = {}
+    for number, party in enumerate(cast(parties)):
+        for slot in party.slots:
+            own = jax.random.fold_in(jax.random.fold_in(key, number), SLOTS.index(slot))
+            shared[slot] = share(own, slots[slot], parties=parties)
+    *shared_cameras, view, place = (shared[slot] for slot in SLOTS)
+    labels = share(jax.random.fold_in(jax.random.fold_in(key, 0), len(SLOTS)), labels, parties=parties)
+    return tuple(shared_cameras), (view, place), labels
+
+
+def _batch_rows(step: int, count: int, batch: int, seed: int) -> NDArray[np.int64]:
+    # Public: each epoch is a permutation of the samples, cut into batches, the remainder left out.
+    epoch, place = divmod(step, max(1, count // batch))
+    order = np.random.default_rng([seed, epoch]).permutation(count)
+    return np.resize(order, max(count, batch))[place * batch : (place + 1) * batch]

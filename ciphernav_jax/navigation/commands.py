@@ -1,0 +1,103 @@
+"""What `ciphernav train` and `ciphernav evaluate` do."""
+
+from pathlib import Path
+
+from rich.console import Console
+
+from ciphernav_jax.cli import Evaluate, Train
+from ciphernav_jax.navigation import metrics, trained
+from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.navigation.methods import METHODS
+from ciphernav_jax.navigation.parties import cast, statement
+from ciphernav_jax.navigation.plain import EndToEnd
+from ciphernav_jax.navigation.progress import bar
+from ciphernav_jax.navigation.rollout import random_walk
+from ciphernav_jax.navigation.storage import write_json
+from ciphernav_jax.navigation.trained import Trained
+from ciphernav_jax.world import dataset
+
+console = Console()
+
+
+def train(args: Train) -> None:
+    """Train as asked, and say where the result is.
+
+    Raises:
+        ValueError: options that do not go together, or a damaged or foreign folder.
+        FileNotFoundError: no data set.
+    """
+    secret = args.method == "secret"
+    _check(args, secret)
+    data = dataset.load(args.data)
+    if args.method in METHODS:
+        recipe = EndToEnd(loss=args.loss, **_given(epochs=args.epochs, batch=args.batch))
+        with bar(args.method) as report:
+            trained.train_end_to_end(data, args.method, recipe, args.seed, args.out, report)
+    else:
+        teacher = _encoders(args, data)
+        parties = (args.parties or 2) if secret else None
+        if parties:
+            console.print(statement(parties), highlight=False)
+        recipe = FreshClassifier(**_given(steps=args.steps, batch=args.batch))
+        with bar(f"secret, {parties} parties" if parties else args.method) as report:
+            trained.train_classifier(data, teacher, recipe, args.seed, args.out, report, parties)
+    console.print(f"Trained: {args.out}. Next: ciphernav evaluate --model {args.out} --data TEST_SET")
+
+
+def evaluate(args: Evaluate) -> None:
+    """Drive in every test environment, print the table row, write metrics.json.
+
+    Raises:
+        ValueError: the training folder is unfinished, damaged or foreign; or the data set is.
+        FileNotFoundError: no data set.
+    """
+    data = dataset.load(args.data)
+    if str(args.model) == "random":
+        name, episodes = "random", random_walk(data, args.seed)
+        out = args.out or Path("out/random")
+    else:
+        config, model = trained.load(args.model)
+        name = trained.row(config)
+        if config["parties"]:
+            console.print(statement(config["parties"]), highlight=False)
+        with console.status(f"{len(data)} robots drive"):
+            episodes = trained.drive(data, config, model, args.seed)
+        out = args.out or args.model / "evaluation"
+    counts = metrics.tally(data, episodes)
+    described = {key: data.meta.get(key) for key in ("split", "count", "seed", "unseen_by")}
+    write_json(out / "metrics.json", {"method": name, "seed": args.seed, "data": described, "counts": counts})
+    console.print(metrics.table({name: counts}, str(args.data)))
+    console.print(f"Written: {out / 'metrics.json'}")
+
+
+def _encoders(args: Train, data: dataset.Dataset) -> Trained:
+    if args.encoders:
+        config, teacher = trained.load(args.encoders)
+        if config["method"] != "plaintext":
+            raise ValueError(
+                f"{args.encoders} holds a {config['method']} training; --encoders needs a plaintext one"
+            )
+        return teacher
+    recipe = EndToEnd(loss=args.loss, **_given(epochs=args.epochs))
+    with bar("encoders, in plaintext") as report:
+        return trained.train_end_to_end(data, "plaintext", recipe, args.seed, args.out / "encoders", report)
+
+
+def _check(args: Train, secret: bool) -> None:
+    if args.parties is not None:
+        if not secret:
+            raise ValueError(f"--parties is for --method secret; {args.method} has no secrets")
+        cast(args.parties)
+    if args.method in METHODS and (args.encoders or args.steps):
+        raise ValueError(
+            f"--encoders and --steps are for secret and plaintext-classifier, not for {args.method}"
+        )
+    for name in ("epochs", "steps", "batch"):
+        value = getattr(args, name)
+        if value is not None and value < 1:
+            raise ValueError(f"--{name} must be at least 1, not {value}")
+
+
+def _given(**options: int | None) -> dict[str, int]:
+    # What the command line leaves open is the recipe's to choose.
+    return {name: value for name, value in options.items() if value is not None}

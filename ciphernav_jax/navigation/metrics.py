@@ -1,0 +1,104 @@
+"""From episodes to counts, and from counts to the table beside the paper's."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from rich.table import Table
+
+from ciphernav_jax.navigation import paper
+from ciphernav_jax.navigation.rollout import Episodes, Outcome
+from ciphernav_jax.world.dataset import Dataset
+
+Counts = dict[str, dict[str, int]]
+"""For "detour" and "no_detour": trials, success, efficient, crash_obstacle, crash_wall, no_crash."""
+
+HEADER = ("method", "detour", "no detour", "overall", "efficient", "obstacle", "wall", "no crash")
+NOTE = (
+    "Accuracy in %, the paper's in brackets; overall from our counts. Efficient: % of the successes with at "
+    "most as many actions as the shortest path. Failures as counts; an episode ends at its first crash."
+)
+TITLES = {
+    "random": "Random walk",
+    "map-only": "Map only",
+    "first-person": "First person",
+    "first-person-deterministic": "First person, deterministic start",
+    "secret-2": "2 parties, camera views",
+    "secret-5": "5 parties, camera views",
+    "plaintext": "Plaintext, camera views",
+    "plaintext-classifier": "Plaintext, the secret recipe",
+}
+
+
+def tally(dataset: Dataset, episodes: Episodes) -> Counts:
+    """Counts by whether a detour was required; plain integers, fit for JSON."""
+    success = episodes.outcome == Outcome.SUCCESS
+    shortest = (np.asarray(dataset.actions) >= 0).sum(axis=1)
+    efficient = success & (episodes.lengths <= shortest)
+    detour = np.asarray(dataset.detour, bool)
+    return {
+        half: {
+            "trials": int(which.sum()),
+            "success": int((success & which).sum()),
+            "efficient": int((efficient & which).sum()),
+            **{
+                kind.name.lower(): int(((episodes.outcome == kind) & which).sum())
+                for kind in Outcome
+                if kind is not Outcome.SUCCESS
+            },
+        }
+        for half, which in (("detour", detour), ("no_detour", ~detour))
+    }
+
+
+def overall(counts: Counts) -> dict[str, int]:
+    """The two halves added up."""
+    return {name: counts["detour"][name] + counts["no_detour"][name] for name in counts["detour"]}
+
+
+def percent(part: int, whole: int) -> float:
+    """100 * part / whole; not a number for nothing of nothing."""
+    return 100 * part / whole if whole else float("nan")
+
+
+def accuracy(counts: dict[str, int]) -> float:
+    """Successes in percent of the trials."""
+    return percent(counts["success"], counts["trials"])
+
+
+def rows(results: Mapping[str, Counts]) -> list[tuple[str, ...]]:
+    """The table's cells as text, a row per method in the order given; see `HEADER`."""
+    table = []
+    for name, counts in results.items():
+        printed = paper.TABLE.get(name)
+        both = overall(counts)
+        cells = [
+            (accuracy(counts["detour"]), printed and printed.detour),
+            (accuracy(counts["no_detour"]), printed and printed.no_detour),
+            (accuracy(both), printed and printed.overall),
+            (percent(both["efficient"], both["success"]), printed and printed.efficient_overall),
+        ]
+        text = [f"{ours:.1f}" + (f" ({theirs:.1f})" if theirs is not None else "") for ours, theirs in cells]
+        failures = [str(both[kind]) for kind in ("crash_obstacle", "crash_wall", "no_crash")]
+        table.append((title(name), *text, *failures))
+    return table
+
+
+def markdown(results: Mapping[str, Counts]) -> str:
+    """The table in Markdown, with its note."""
+    lines = [HEADER, ("---",) + ("---:",) * (len(HEADER) - 1), *rows(results)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + f"\n\n{NOTE}\n"
+
+
+def table(results: Mapping[str, Counts], heading: str) -> Table:
+    """The table for a terminal."""
+    shown = Table(title=heading, caption=NOTE)
+    for index, column in enumerate(HEADER):
+        shown.add_column(column, justify="right" if index else "left", no_wrap=True)
+    for row in rows(results):
+        shown.add_row(*row)
+    return shown
+
+
+def title(name: str) -> str:
+    """The title of a row, by the name of its method; of a secret one by `secret-P`."""
+    return TITLES.get(name) or f"{name.removeprefix('secret-')} parties, camera views"

@@ -1,0 +1,176 @@
+"""Plaintext training, end to end: two encoders and the classifier (paper, section 5).
+
+A batch holds whole environments, so that a camera's view serves every step of its environment;
+views that occur more than once in a batch are encoded once.
+"""
+
+import functools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from flax import nnx
+from numpy.typing import NDArray
+
+from ciphernav_jax.models import Navigator
+from ciphernav_jax.models.classifier import ACTIONS
+from ciphernav_jax.models.encoders import VIEW_FEATURES
+from ciphernav_jax.navigation.methods import Method
+from ciphernav_jax.navigation.parties import CAMERAS
+from ciphernav_jax.navigation.samples import Samples, teacher_forced
+from ciphernav_jax.navigation.storage import Checkpoints
+from ciphernav_jax.world.dataset import Dataset
+from ciphernav_jax.world.grid import WALLS, map_code
+
+GRAPH = nnx.split(Navigator(nnx.Rngs(0)))[0]
+
+Report = Callable[[int, int, dict], None]
+"""Called as report(done, total, curve point) after each epoch, or each chunk of steps."""
+
+
+@dataclass(frozen=True)
+class EndToEnd:
+    """How to train end to end: AdamW on a cosine with warm-up, gradients clipped to norm 1."""
+
+    epochs: int = 24
+    """Passes over the environments."""
+    batch: int = 50
+    """Environments per step."""
+    learning_rate: float = 1.5e-3
+    """Peak learning rate."""
+    weight_decay: float = 0.01
+    """AdamW's weight decay."""
+    loss: Literal["cross-entropy", "squared"] = "cross-entropy"
+    """Loss of a step's logits against the right action; the paper's is squared."""
+
+
+def optimiser(recipe: EndToEnd, steps: int) -> optax.GradientTransformation:
+    """The optimiser of a recipe over so many steps in all."""
+    rate = optax.warmup_cosine_decay_schedule(0.0, recipe.learning_rate, steps // 20, steps)
+    return optax.chain(optax.clip_by_global_norm(1.0), optax.adamw(rate, weight_decay=recipe.weight_decay))
+
+
+class Batch(NamedTuple):
+    """The samples of some environments. Padding rows have action -1 and do not count.
+
+    Attributes:
+        pixels: uint8[U, 45, 60, 3], the distinct views of the batch; None if the method sees none.
+        views: int32[S, 5], rows of `pixels` for the four cameras and the robot.
+        maps: uint8[S, 25].
+        actions: int32[S].
+    """
+
+    pixels: NDArray[np.uint8] | None
+    views: NDArray[np.int32]
+    maps: NDArray[np.uint8]
+    actions: NDArray[np.int32]
+
+
+def batches(
+    dataset: Dataset, method: Method, samples: Samples, recipe: EndToEnd, seed: int, epoch: int
+) -> Iterator[Batch]:
+    """One epoch's batches, in an order that depends on nothing but seed and epoch."""
+    count = len(dataset)
+    order = np.random.default_rng([seed, epoch]).permutation(count)
+    first = np.searchsorted(samples.env, np.arange(count + 1))
+    for start in range(0, count, recipe.batch):
+        chosen = order[start : start + recipe.batch]
+        rows = [
+            np.arange(*ends) for ends in zip(first[chosen].tolist(), first[chosen + 1].tolist(), strict=True)
+        ]
+        yield _gather(dataset, method, samples, np.concatenate(rows))
+
+
+def logits(navigator: Navigator, batch: Batch, method: Method) -> jax.Array:
+    """float32[S, 5]: what a navigator that sees what `method` sees makes of a batch."""
+    place = navigator.map_encoder(jnp.asarray(batch.maps))
+    shape = (len(batch.maps), len(CAMERAS) + 1, VIEW_FEATURES)
+    views = jnp.zeros(shape, jnp.float32)
+    if batch.pixels is not None:
+        seen = np.array([method.cameras] * len(CAMERAS) + [method.agent_view])
+        encoded = navigator.view_encoder(jnp.asarray(batch.pixels))[batch.views]
+        views = jnp.where(seen[:, None], encoded, views)
+    return navigator.classifier(jnp.concatenate([views.reshape(len(views), -1), place], axis=-1))
+
+
+def train(
+    dataset: Dataset, method: Method, recipe: EndToEnd, seed: int, checkpoints: Checkpoints, report: Report
+) -> tuple[Navigator, list[dict]]:
+    """Train a navigator, or go on from the latest checkpoint: the result is the same to the bit.
+
+    Args:
+        dataset: the training environments.
+        method: what the navigator sees.
+        recipe: how to train.
+        seed: of the initial weights and of the batches' order.
+        checkpoints: one is kept, after the latest epoch.
+        report: called after each epoch.
+
+    Returns:
+        The navigator, and the curve: a dict of epoch, mean loss and accuracy (%, teacher-forced, on
+        the training samples as they were trained on) for each epoch.
+    """
+    samples = teacher_forced(dataset, method)
+    steps = recipe.epochs * -(-len(dataset) // recipe.batch)
+    params = nnx.to_pure_dict(nnx.split(Navigator(nnx.Rngs(seed)), nnx.Param)[1])
+    fresh = (params, optimiser(recipe, steps).init(params))
+
+    done, state, curve = checkpoints.restore(fresh)
+    for epoch in range(done, recipe.epochs):
+        total, hits = 0.0, 0
+        for batch in batches(dataset, method, samples, recipe, seed, epoch):
+            state, (loss, right) = _step(state, batch, method, recipe, steps)
+            total, hits = total + float(loss), hits + int(right)
+        point = {"epoch": epoch + 1, "loss": total / len(samples), "accuracy": 100 * hits / len(samples)}
+        curve = [*curve, point]
+        checkpoints.save(epoch + 1, state, curve)
+        report(epoch + 1, recipe.epochs, point)
+    return nnx.merge(GRAPH, state[0]), curve
+
+
+@functools.partial(jax.jit, static_argnames=("method", "recipe", "steps"))
+def _step(state: tuple, batch: Batch, method: Method, recipe: EndToEnd, steps: int):
+    """One step: the next weights and moments, and the batch's summed loss and number of right actions."""
+
+    def objective(params):
+        scores = logits(nnx.merge(GRAPH, params), batch, method)
+        counts = batch.actions >= 0
+        right = jax.nn.one_hot(batch.actions, ACTIONS, dtype=jnp.float32)
+        if recipe.loss == "squared":
+            losses = jnp.mean(jnp.square(scores - right), axis=-1)
+        else:
+            losses = optax.softmax_cross_entropy(scores, right)
+        total = jnp.sum(losses, where=counts)
+        hits = jnp.sum((jax.lax.argmax(scores, 1, jnp.int32) == batch.actions) & counts)
+        return total / jnp.sum(counts).astype(jnp.float32), (total, hits)
+
+    params, moments = state
+    (_, sums), gradient = jax.value_and_grad(objective, has_aux=True)(params)
+    with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an integer
+        update, moments = optimiser(recipe, steps).update(gradient, moments, params)
+    return (optax.apply_updates(params, update), moments), sums
+
+
+def _gather(dataset: Dataset, method: Method, samples: Samples, rows: NDArray) -> Batch:
+    env, cell, heading = samples.env[rows], samples.cell[rows], samples.heading[rows]
+    cameras, robot = dataset.cameras[env], dataset.agent[env, cell, heading][:, None]
+    seen = [robot] if method.agent_view else []
+    seen = [cameras, robot] if method.cameras else seen
+    pixels, views = None, np.zeros((len(rows), len(CAMERAS) + 1), np.int32)
+    if seen:
+        distinct, index = np.unique(np.concatenate(seen, axis=1), return_inverse=True)
+        views[:, -sum(part.shape[1] for part in seen) :] = index.reshape(len(rows), -1)
+        pixels = _pad(np.asarray(dataset.views[distinct]), 0)
+    maps = map_code(WALLS[dataset.layout[env]], cell, dataset.goal[env])
+    actions = samples.action[rows].astype(np.int32)
+    return Batch(pixels, _pad(views, 0), _pad(maps, 0), _pad(actions, -1))
+
+
+def _pad(rows: NDArray, value: int, multiple: int = 128) -> NDArray:
+    # Few different shapes, so that a step is compiled few times.
+    missing = -len(rows) % multiple
+    return np.pad(rows, [(0, missing)] + [(0, 0)] * (rows.ndim - 1), constant_values=value)

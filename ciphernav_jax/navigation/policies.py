@@ -1,0 +1,62 @@
+"""Trained classifiers as policies: what is computed at each step of an episode."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ciphernav_jax.navigation.classifier import predict
+from ciphernav_jax.navigation.features import Features
+from ciphernav_jax.navigation.parties import CAMERAS, SLOTS
+from ciphernav_jax.navigation.rollout import Policy
+from ciphernav_jax.secret import reveal, secure, share
+
+# Each use of a fixed-point product may round it the other way, so the largest logit can miss itself
+# by a unit of 2^-20. Actions this close count as equal, and the first of them is taken.
+TIE = 2.0**-14
+
+
+def plain_policy(params: Any, features: Features) -> Policy:
+    """Take the action with the largest logit. `features` are those of the environments driven in."""
+    every = np.arange(len(features.goal))
+    decide = jax.jit(predict)
+
+    def policy(step, cells, headings):
+        return np.asarray(decide(params, features.slots(every, cells, headings))).argmax(axis=-1)
+
+    return policy
+
+
+def secret_policy(params: Any, features: Features, key: jax.Array, parties: int) -> Policy:
+    """The same under secret sharing, with secret weights.
+
+    The camera owners share their features once, since an environment does not change; the robot shares
+    its view's and its map's at each step. Opened: which action is the best, as five zeros and ones;
+    the logits stay secret, where the paper opens them.
+    """
+    every = np.arange(len(features.goal))
+    decide = jax.jit(secure(best_action))
+    cameras = tuple(
+        share(jax.random.fold_in(key, SLOTS.index(name)), slot, parties=parties)
+        for name, slot in zip(CAMERAS, features.cameras, strict=True)
+    )
+    robot_key, protocol_key = (jax.random.fold_in(key, len(SLOTS) + use) for use in range(2))
+
+    def policy(step, cells, headings):
+        robot = features.robot(every, cells, headings)
+        shared = share(jax.random.fold_in(robot_key, step), robot, parties=parties)
+        choice = decide(jax.random.fold_in(protocol_key, step), params, (*cameras, *shared))
+        return np.asarray(reveal(choice)).argmax(axis=-1)
+
+    return policy
+
+
+def best_action(params: Any, slots: tuple) -> jax.Array:
+    """float32[n, 5]: 1 for the action with the largest logit and any within `TIE` of it, else 0."""
+    logits = predict(params, slots)
+    best = logits
+    while (pairs := best.shape[1] // 2) > 0:  # a tournament: fewer rounds than one after the other
+        winners = jnp.maximum(best[:, :pairs], best[:, pairs : 2 * pairs])
+        best = jnp.concatenate([winners, best[:, 2 * pairs :]], axis=1)
+    return (logits >= best - TIE).astype(jnp.float32)

@@ -1,0 +1,27 @@
+"""On what a result was made: versions and machine, for the JSON beside every number."""
+
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+
+PACKAGES = ("ciphernav_jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "numpy", "miniworld")
+
+
+def versions() -> dict[str, str]:
+    """Python's version and those of the packages that decide results."""
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+
+
+def machine() -> dict[str, str | int]:
+    """The operating system, the processor's name and how many of them."""
+    return {"system": platform.platform(), "processor": _processor(), "cpus": os.cpu_count() or 1}
+
+
+def _processor() -> str:
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        for line in cpuinfo.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

@@ -1,0 +1,197 @@
+"""Training folders: how a training is begun, gone on with after a kill, finished, and read back.
+
+config.json   what is trained, how, and on what; a folder goes on only with the same
+checkpoints/  the latest state of the training
+model/        the result, once it is finished: encoders, scales and weights (of a secret, shares)
+curve.json    the training curve, once it is finished
+"""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+from flax import nnx
+
+from ciphernav_jax import __version__
+from ciphernav_jax.models import Navigator
+from ciphernav_jax.navigation import classifier, features, plain
+from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.navigation.features import Features, Scale
+from ciphernav_jax.navigation.methods import METHODS, Method
+from ciphernav_jax.navigation.parties import cast
+from ciphernav_jax.navigation.plain import EndToEnd, Report
+from ciphernav_jax.navigation.policies import plain_policy, secret_policy
+from ciphernav_jax.navigation.rollout import Episodes, rollout
+from ciphernav_jax.navigation.samples import start_headings, teacher_forced
+from ciphernav_jax.navigation.storage import Checkpoints, DamagedError, read_json, write_json
+from ciphernav_jax.secret import share
+from ciphernav_jax.world.dataset import Dataset
+
+KIND = "ciphernav training"
+
+
+class Trained(NamedTuple):
+    """What a training leaves.
+
+    Attributes:
+        encoders: weights of the view encoder and of the map encoder; public.
+        scales: how each slot is standardised by its owner.
+        weights: the action classifier's, float32 arrays or secrets.
+    """
+
+    encoders: Any
+    scales: tuple[Scale, ...]
+    weights: Any
+
+
+def train_end_to_end(
+    dataset: Dataset, name: str, recipe: EndToEnd, seed: int, folder: Path, report: Report
+) -> Trained:
+    """Train encoders and classifier of the method `name` in plaintext, in a training folder.
+
+    Going on after a kill, and asking for what is there already, give the same bits.
+
+    Raises:
+        DamagedError: the folder holds another training, or a damaged one.
+    """
+    config = _config(name, None, seed, recipe, dataset)
+    if _begin(folder, config):
+        return load(folder)[1]
+    navigator, curve = plain.train(
+        dataset, METHODS[name], recipe, seed, Checkpoints(folder / "checkpoints"), report
+    )
+    parts = nnx.to_pure_dict(nnx.state(navigator, nnx.Param))
+    weights = parts.pop("classifier")
+    return _finish(folder, Trained(parts, features.unscaled(), weights), curve)
+
+
+def train_classifier(
+    dataset: Dataset,
+    teacher: Trained,
+    recipe: FreshClassifier,
+    seed: int,
+    folder: Path,
+    report: Report,
+    parties: int | None = None,
+) -> Trained:
+    """Train a fresh classifier on the features of `teacher`'s encoders, in a training folder.
+
+    Args:
+        dataset: the training environments.
+        teacher: a plaintext training with camera views; only its encoders are used.
+        recipe: how to train.
+        seed: of everything random.
+        folder: the training folder.
+        report: called after each chunk of steps.
+        parties: how many share the secrets; None trains in plaintext.
+
+    Raises:
+        ValueError: fewer than two parties.
+        DamagedError: the folder holds another training, or a damaged one.
+    """
+    if parties is not None:
+        cast(parties)
+    config = _config("plaintext-classifier" if parties is None else "secret", parties, seed, recipe, dataset)
+    if _begin(folder, config):
+        return load(folder)[1]
+    samples = teacher_forced(dataset, sees(config))
+    seen = encode(dataset, sees(config), teacher)
+    scales = features.fit_scales(seen, samples)
+    weights, curve = classifier.train(
+        features.standardise(seen, scales),
+        samples,
+        recipe,
+        seed,
+        Checkpoints(folder / "checkpoints"),
+        report,
+        parties,
+    )
+    return _finish(folder, Trained(teacher.encoders, scales, weights), curve)
+
+
+def load(folder: Path) -> tuple[dict, Trained]:
+    """The configuration and the result of a finished training.
+
+    Raises:
+        DamagedError: the folder is not a training folder, is not finished, or is damaged.
+    """
+    config = read_json(folder / "config.json")
+    if not isinstance(config, dict) or config.get("kind") != KIND:
+        raise DamagedError(f"{folder} is no training folder: its config.json says something else")
+    if not (folder / "curve.json").exists():
+        raise DamagedError(
+            f"the training in {folder} is not finished; the same `ciphernav train` goes on with it"
+        )
+    _, trained, _ = Checkpoints(folder / "model").restore(_template(config["parties"]))
+    return config, trained
+
+
+def curve(folder: Path) -> list[dict]:
+    """The training curve of a finished training."""
+    return read_json(folder / "curve.json")
+
+
+def sees(config: dict) -> Method:
+    """What a training's robot sees: the methods on frozen features see what `plaintext` sees."""
+    return METHODS.get(config["method"], METHODS["plaintext"])
+
+
+def row(config: dict) -> str:
+    """The name of a training's row in the table."""
+    return f"secret-{config['parties']}" if config["parties"] else config["method"]
+
+
+def drive(dataset: Dataset, config: dict, trained: Trained, seed: int) -> Episodes:
+    """Let a trained classifier drive in every environment; a secret one under secret sharing."""
+    seen = features.standardise(encode(dataset, sees(config), trained), trained.scales)
+    if config["parties"]:
+        policy = secret_policy(trained.weights, seen, jax.random.key(seed), config["parties"])
+    else:
+        policy = plain_policy(trained.weights, seen)
+    return rollout(dataset, policy, start_headings(dataset, sees(config)))
+
+
+def encode(dataset: Dataset, method: Method, trained: Trained) -> Features:
+    navigator = Navigator(nnx.Rngs(0))
+    nnx.update(navigator.view_encoder, trained.encoders["view_encoder"])
+    nnx.update(navigator.map_encoder, trained.encoders["map_encoder"])
+    return features.encode(dataset, method, navigator.view_encoder, navigator.map_encoder)
+
+
+def _config(
+    method: str, parties: int | None, seed: int, recipe: EndToEnd | FreshClassifier, dataset: Dataset
+) -> dict:
+    data = {name: dataset.meta.get(name) for name in ("split", "count", "seed", "unseen_by")}
+    training = {"method": method, "parties": parties, "seed": seed, "recipe": asdict(recipe), "data": data}
+    return {"kind": KIND, "version": __version__, **training}
+
+
+def _begin(folder: Path, config: dict) -> bool:
+    """Claim a folder for a training; true if it is finished already."""
+    if (folder / "config.json").exists():
+        there = read_json(folder / "config.json")
+        if there != config:
+            other = [
+                name for name in config if not isinstance(there, dict) or there.get(name) != config[name]
+            ]
+            raise DamagedError(
+                f"{folder} holds another training (it differs in {', '.join(other)}); choose another --out"
+            )
+        return (folder / "curve.json").exists()
+    write_json(folder / "config.json", config)
+    return False
+
+
+def _finish(folder: Path, trained: Trained, curve: list[dict]) -> Trained:
+    Checkpoints(folder / "model").save(0, trained, [])
+    write_json(folder / "curve.json", curve)
+    return trained
+
+
+def _template(parties: int | None) -> Trained:
+    parts = nnx.to_pure_dict(nnx.state(Navigator(nnx.Rngs(0)), nnx.Param))
+    weights = parts.pop("classifier")
+    if parties:
+        weights = share(jax.random.key(0), weights, parties=parties)
+    return Trained(parts, features.unscaled(), weights)

@@ -1,0 +1,133 @@
+"""Training folders: resume to the same bits, and refuse what is not theirs."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+import ciphernav_jax as cn
+from ciphernav_jax.navigation import trained
+from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.navigation.plain import EndToEnd
+from ciphernav_jax.navigation.policies import plain_policy, secret_policy
+from ciphernav_jax.navigation.storage import DamagedError
+
+PLAIN = EndToEnd(epochs=3, batch=30)
+FRESH = FreshClassifier(steps=6, batch=32, chunk=2)
+
+
+class Killed(Exception):
+    pass
+
+
+def silent(done, total, point):
+    pass
+
+
+def killed_after_first(done, total, point):
+    raise Killed
+
+
+def assert_same(one, other):
+    leaves, others = jax.tree.leaves(one), jax.tree.leaves(other)
+    assert len(leaves) == len(others)
+    for leaf, twin in zip(leaves, others, strict=True):
+        np.testing.assert_array_equal(np.asarray(leaf), np.asarray(twin))
+
+
+@pytest.fixture(scope="module")
+def teacher(world, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("teacher")
+    trained.train_end_to_end(world, "plaintext", EndToEnd(epochs=1, batch=60), 0, folder, silent)
+    return trained.load(folder)[1]
+
+
+def test_end_to_end_training_resumes_to_the_same_bits(world, tmp_path):
+    whole = trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path / "whole", silent)
+    with pytest.raises(Killed):
+        trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path / "killed", killed_after_first)
+    with pytest.raises(DamagedError, match="not finished"):
+        trained.load(tmp_path / "killed")
+    resumed = trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path / "killed", silent)
+    assert_same(resumed, whole)
+    assert trained.curve(tmp_path / "killed") == trained.curve(tmp_path / "whole")
+    assert_same(trained.load(tmp_path / "whole")[1], whole)
+
+
+@pytest.mark.parametrize("parties", [None, 2])
+def test_classifier_training_resumes_to_the_same_bits(world, teacher, tmp_path, parties):
+    def train(folder, report):
+        return trained.train_classifier(world, teacher, FRESH, 0, tmp_path / folder, report, parties)
+
+    whole = train("whole", silent)
+    with pytest.raises(Killed):
+        train("killed", killed_after_first)
+    resumed = train("killed", silent)
+    assert_same(resumed, whole)  # of secrets, the shares
+    config, loaded = trained.load(tmp_path / "killed")
+    assert_same(loaded, whole)
+    assert config["parties"] == parties
+    assert [point["step"] for point in trained.curve(tmp_path / "killed")] == [2, 4, 6]
+
+
+def test_secret_training_and_driving_follow_plaintext(world, teacher, tmp_path):
+    plain = trained.train_classifier(world, teacher, FRESH, 0, tmp_path / "plain", silent)
+    secret = trained.train_classifier(world, teacher, FRESH, 0, tmp_path / "secret", silent, 2)
+    for weights, shared in zip(
+        jax.tree.leaves(plain.weights), jax.tree.leaves(cn.reveal(secret.weights)), strict=True
+    ):
+        np.testing.assert_allclose(shared, weights, atol=1e-3)
+    losses = [[point["loss"] for point in trained.curve(tmp_path / name)] for name in ("plain", "secret")]
+    np.testing.assert_allclose(*losses, rtol=1e-2)
+
+    few = dataclasses.replace(
+        world, **{name: getattr(world, name)[:16] for name in ("cameras", "agent", "layout", "goal")}
+    )
+    method = trained.sees({"method": "secret"})
+    seen = trained.features.standardise(trained.encode(few, method, secret), secret.scales)
+    start, heading = np.zeros(16, int), np.full(16, 3)
+    opened = plain_policy(cn.reveal(secret.weights), seen)(0, start, heading)
+    chosen = secret_policy(secret.weights, seen, jax.random.key(1), 2)(0, start, heading)
+    np.testing.assert_array_equal(chosen, opened)
+
+
+def test_a_finished_training_is_not_done_twice(world, tmp_path):
+    first = trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, silent)
+    assert_same(trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, killed_after_first), first)
+
+
+def test_a_folder_goes_on_only_with_the_same_training(world, tmp_path):
+    with pytest.raises(Killed):
+        trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, killed_after_first)
+    with pytest.raises(DamagedError, match="differs in seed"):
+        trained.train_end_to_end(world, "map-only", PLAIN, 1, tmp_path, silent)
+    with pytest.raises(DamagedError, match="differs in method"):
+        trained.train_end_to_end(world, "first-person", PLAIN, 0, tmp_path, silent)
+
+
+def test_a_damaged_checkpoint_is_named(world, tmp_path):
+    with pytest.raises(Killed):
+        trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, killed_after_first)
+    for file in (tmp_path / "checkpoints").rglob("*"):
+        if file.is_file() and "state" in file.parts:
+            file.write_bytes(b"damaged")
+    with pytest.raises(DamagedError, match=r"checkpoints/1 cannot be read"):
+        trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, silent)
+
+
+def test_a_folder_that_is_no_training_is_refused(tmp_path):
+    with pytest.raises(DamagedError, match=r"config\.json is missing"):
+        trained.load(tmp_path)
+    (tmp_path / "config.json").write_text("{")
+    with pytest.raises(DamagedError, match="damaged"):
+        trained.load(tmp_path)
+    (tmp_path / "config.json").write_text("{}")
+    with pytest.raises(DamagedError, match="no training folder"):
+        trained.load(tmp_path)
+
+
+def test_fewer_than_two_parties_are_refused_before_anything_is_written(world, teacher, tmp_path):
+    with pytest.raises(ValueError, match="at least two parties"):
+        trained.train_classifier(world, teacher, FRESH, 0, tmp_path / "one", silent, 1)
+    assert not (tmp_path / "one").exists()
