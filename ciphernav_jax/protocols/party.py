@@ -17,7 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from jaxtyping import UInt64
 
 AXIS = "party"
@@ -77,9 +77,21 @@ def deploy(program: Program, mesh: Mesh) -> Program:
     split, same = PartitionSpec(AXIS), PartitionSpec()
     return jax.shard_map(
         one_device,
-        mesh=mesh,
+        mesh=_automatic(mesh),
         in_specs=(split, same),
         out_specs=(split, same),
         # An exclusive or over gathered shares is the same everywhere, which JAX cannot infer.
         check_vma=False,
     )
+
+
+def on_every_device(x: Any, mesh: Mesh) -> Any:
+    """Pins a computation to whole copies on every device, so that XLA does not split the dealer among
+    parties.
+    """
+    return lax.with_sharding_constraint(x, NamedSharding(_automatic(mesh), PartitionSpec()))
+
+
+def _automatic(mesh: Mesh) -> Mesh:
+    """The mesh with sharding outside the program left to XLA, whatever type of axis the caller's has."""
+    return Mesh(mesh.devices, mesh.axis_names, axis_types=(AxisType.Auto,))

@@ -48,8 +48,10 @@ def run(
     supply = deal(key, needed, parties)
 
     def online(private, public):
-        supply, private = private
-        return program(Supply(needed, supply), private, public)
+        mine, private = private
+        return program(Supply(needed, mine), private, public)
 
-    runner = party.simulate(online, parties) if mesh is None else party.deploy(online, mesh)
-    return runner((supply, private), public)
+    if mesh is None:
+        return party.simulate(online, parties)((supply, private), public)
+    supply = party.on_every_device(supply, mesh)
+    return party.deploy(online, mesh)((supply, private), public)

@@ -115,8 +115,8 @@ def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> S
         frac_bits = protocol.frac_bits
         if not isinstance(values, Tracer) and np.any(np.abs(values) >= protocol.bound):
             raise ValueError(
-                f"cannot share {np.max(np.abs(values)):g}: with {frac_bits} fractional bits values and products "
-                f"stay below {protocol.bound:g} in magnitude. "
+                f"cannot share {np.max(np.abs(values)):g}: with {frac_bits} fractional bits values and "
+                f"products stay below {protocol.bound:g} in magnitude. "
                 "Scale the values down, or use fewer fractional bits."
             )
         encoded = ring.encode(values, frac_bits)

@@ -1,0 +1,74 @@
+"""One operating-system process of the deployment test: runs a secret training step and saves its shares.
+
+party_process.py OUT devices             both parties in this process, on two forced CPU devices
+party_process.py OUT process RANK PORT   party RANK of two, joined by jax.distributed on loopback
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import ciphernav_jax as cn
+
+PARTIES = 2
+
+
+def training_step(weights, x, y):
+    """One step of SGD on a two-layer network with ReLU."""
+
+    def loss(weights):
+        return jnp.sum((jax.nn.relu(x @ weights["first"]) @ weights["second"] - y) ** 2)
+
+    value, gradient = jax.value_and_grad(loss)(weights)
+    return value, jax.tree.map(lambda w, g: w - 2.0**-8 * g, weights, gradient)
+
+
+def inputs():
+    """The shares that the parties start from, the same in every process."""
+    keys = jax.random.split(jax.random.key(7), 4)
+    shapes = {"first": (6, 5), "second": (5, 3)}
+    weights = {
+        name: jax.random.normal(k, shape, jnp.float32)
+        for k, (name, shape) in zip(keys, shapes.items(), strict=False)
+    }
+    x = jax.random.normal(keys[2], (9, 6), jnp.float32)
+    y = jax.random.normal(keys[3], (9, 3), jnp.float32)
+    return cn.share(jax.random.key(8), (weights, x, y), parties=PARTIES)
+
+
+def shares_of(result) -> list[np.ndarray]:
+    """All shares of a result, those of the parties in this process, party by party."""
+    return [
+        np.concatenate(
+            [shard.data for shard in sorted(leaf.addressable_shards, key=lambda s: s.index[0].start or 0)]
+        )
+        for leaf in jax.tree.leaves(result)
+    ]
+
+
+def main() -> None:
+    out, mode = Path(sys.argv[1]), sys.argv[2]
+    if mode == "process":
+        rank, port = int(sys.argv[3]), sys.argv[4]
+        jax.config.update("jax_cpu_collectives_implementation", "gloo")
+        jax.distributed.initialize(f"127.0.0.1:{port}", PARTIES, rank, initialization_timeout=60)
+        assert jax.process_count() == PARTIES
+        assert jax.local_device_count() == 1
+        name = f"process{rank}"
+    else:
+        name = "devices"
+    mesh = jax.make_mesh((PARTIES,), ("party",))
+    # numpy inputs: every process holds the same, and each device takes its party's part.
+    args = jax.tree.map(np.asarray, inputs())
+    result = cn.deploy(cn.secure(training_step), mesh)(jax.random.key(9), *args)
+    np.savez(out / f"{name}.npz", *shares_of(result))
+
+
+if __name__ == "__main__":
+    if sys.argv[2] == "devices":
+        os.environ["XLA_FLAGS"] = f"--xla_force_host_platform_device_count={PARTIES}"
+    main()
