@@ -26,7 +26,6 @@ from ciphernav_jax.world import dataset
 from ciphernav_jax.world.dataset import Dataset
 
 PLAIN = ("map-only", "plaintext")
-SHOWN = 4  # episodes in the picture
 
 console = Console(highlight=False)
 
@@ -91,7 +90,7 @@ def run(args: Demo) -> None:
 
     console.rule("5. The table")
     _write(args, test, episodes, clock, (plain_recipe, secret_recipe))
-    _draw(args.out, test, episodes, folders)
+    _draw(args.out, test, episodes, folders, args.parties[-1])
     console.print(f"Written: {args.out}/table.json, table.md, curves.png, episodes.png")
 
 
@@ -117,13 +116,14 @@ def _write(args: Demo, test: Dataset, episodes: dict[str, Episodes], clock: Cloc
     write_text(args.out / "table.md", metrics.markdown(counts))
 
 
-def _draw(out: Path, test: Dataset, episodes: dict[str, Episodes], folders: dict[str, Path]) -> None:
+def _draw(
+    out: Path, test: Dataset, episodes: dict[str, Episodes], folders: dict[str, Path], parties: int
+) -> None:
     drawn = {metrics.title(name): trained.curve(folder) for name, folder in folders.items()}
     plain = {metrics.title(name): drawn.pop(metrics.title(name)) for name in PLAIN}
     pictures.curves(plain, drawn, out / "curves.png")
-    blind, seeing = "map-only", [name for name in episodes if name.startswith("secret")][-1]
-    shown = pictures.interesting(test, episodes[blind], episodes[seeing], SHOWN)
-    chosen = [(metrics.title(driver), env) for env in shown for driver in (blind, seeing)]
-    pictures.episodes(
-        test, {metrics.title(name): episodes[name] for name in (blind, seeing)}, chosen, out / "episodes.png"
-    )
+    drivers = ["map-only", f"secret-{parties}"]
+    blind, seeing = (episodes[name] for name in drivers)
+    shown = pictures.interesting(test, blind, seeing)
+    driven = {metrics.title(name): episodes[name] for name in drivers}
+    pictures.episodes(test, driven, shown, out / "episodes.png")

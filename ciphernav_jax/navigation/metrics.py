@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from rich import box
 from rich.table import Table
 
 from ciphernav_jax.navigation import paper
@@ -12,19 +13,20 @@ from ciphernav_jax.world.dataset import Dataset
 Counts = dict[str, dict[str, int]]
 """For "detour" and "no_detour": trials, success, efficient, crash_obstacle, crash_wall, no_crash."""
 
-HEADER = ("method", "detour", "no detour", "overall", "efficient", "obstacle", "wall", "no crash")
+HEADER = ("method", "detour", "no detour", "overall", "efficient", "obstacle / wall / lost")
 NOTE = (
     "Accuracy in %, the paper's in brackets; overall from our counts. Efficient: % of the successes with at "
-    "most as many actions as the shortest path. Failures as counts; an episode ends at its first crash."
+    "most as many actions as the shortest path. The last column counts failures: crashes with an obstacle, "
+    "with a wall, and none; an episode ends at its first crash."
 )
 TITLES = {
     "random": "Random walk",
     "map-only": "Map only",
     "first-person": "First person",
     "first-person-deterministic": "First person, deterministic start",
-    "secret-2": "2 parties, camera views",
-    "secret-5": "5 parties, camera views",
-    "plaintext": "Plaintext, camera views",
+    "secret-2": "2 parties, cameras",
+    "secret-5": "5 parties, cameras",
+    "plaintext": "Plaintext, cameras",
     "plaintext-classifier": "Plaintext, the secret recipe",
 }
 
@@ -78,8 +80,8 @@ def rows(results: Mapping[str, Counts]) -> list[tuple[str, ...]]:
             (percent(both["efficient"], both["success"]), printed and printed.efficient_overall),
         ]
         text = [f"{ours:.1f}" + (f" ({theirs:.1f})" if theirs is not None else "") for ours, theirs in cells]
-        failures = [str(both[kind]) for kind in ("crash_obstacle", "crash_wall", "no_crash")]
-        table.append((title(name), *text, *failures))
+        failures = " / ".join(str(both[kind]) for kind in ("crash_obstacle", "crash_wall", "no_crash"))
+        table.append((title(name), *text, failures))
     return table
 
 
@@ -91,9 +93,10 @@ def markdown(results: Mapping[str, Counts]) -> str:
 
 def table(results: Mapping[str, Counts], heading: str) -> Table:
     """The table for a terminal."""
-    shown = Table(title=heading, caption=NOTE)
-    for index, column in enumerate(HEADER):
-        shown.add_column(column, justify="right" if index else "left", no_wrap=True)
+    shown = Table(title=heading, caption=NOTE, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    shown.add_column(HEADER[0])
+    for column in HEADER[1:]:
+        shown.add_column(column, justify="right")
     for row in rows(results):
         shown.add_row(*row)
     return shown
@@ -101,4 +104,4 @@ def table(results: Mapping[str, Counts], heading: str) -> Table:
 
 def title(name: str) -> str:
     """The title of a row, by the name of its method; of a secret one by `secret-P`."""
-    return TITLES.get(name) or f"{name.removeprefix('secret-')} parties, camera views"
+    return TITLES.get(name) or f"{name.removeprefix('secret-')} parties, cameras"

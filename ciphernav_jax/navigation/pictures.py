@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.rollout import Episodes, Outcome
 from ciphernav_jax.world import topview
 from ciphernav_jax.world.dataset import Dataset
+from ciphernav_jax.world.grid import START
 
 WORDS = {
     Outcome.SUCCESS: "success",
@@ -48,52 +50,58 @@ def curves(plain: Mapping[str, list[dict]], classifiers: Mapping[str, list[dict]
     _save(figure, path)
 
 
-def episodes(
-    dataset: Dataset, driven: Mapping[str, Episodes], chosen: list[tuple[str, int]], path: Path
-) -> None:
-    """One row for each chosen episode: the map from above with the path, and the five views at the start.
+def episodes(dataset: Dataset, driven: Mapping[str, Episodes], chosen: list[int], path: Path) -> None:
+    """A row for each chosen environment: from above, each driver's path; then the five views at the start.
 
     Args:
         dataset: the test environments.
         driven: episodes by the title of who drove.
-        chosen: pairs of a title and an environment.
+        chosen: environments.
         path: the PNG to write.
     """
-    titles = ["path taken", *(camera.replace("_", " ") for camera in CAMERAS), "robot, at the start"]
-    figure = Figure(figsize=(13, 2.25 * len(chosen) + 0.3), layout="constrained")
-    grid = figure.subplots(
-        len(chosen), len(titles), squeeze=False, width_ratios=[1.2, *[1.4] * (len(titles) - 1)]
-    )
-    for row, (driver, env) in zip(grid, chosen, strict=True):
-        result = driven[driver]
-        scenario = dataset.scenario(env)
-        cells = [int(cell) for cell in result.cells[env] if cell >= 0]
-        taken = result.actions[env][result.actions[env] > 0]
-        outcome = Outcome(result.outcome[env])
-        picture = topview.draw(
-            scenario,
-            cells,
-            heading=int(taken[-1]) - 1 if len(taken) else None,
-            crashed=outcome in (Outcome.CRASH_OBSTACLE, Outcome.CRASH_WALL),
-        )
-        start = dataset.agent[env, cells[0], scenario.start_heading]
+    titles = [*driven, *(f"camera {camera.replace('_', ' ')}" for camera in CAMERAS), "robot's own view"]
+    widths = [45 / 60] * len(driven) + [1.0] * (len(titles) - len(driven))
+    figure = Figure(figsize=(2.2 * sum(widths), 1.9 * len(chosen) + 0.3), layout="constrained")
+    grid = figure.subplots(len(chosen), len(titles), squeeze=False, width_ratios=widths)
+    for row, env in zip(grid, chosen, strict=True):
+        start = dataset.agent[env, START, dataset.start_heading[env]]
         views = dataset.views[[*dataset.cameras[env], start]]
-        for axes, image in zip(row, [picture, *views], strict=True):
+        paths = [_from_above(dataset, result, env) for result in driven.values()]
+        for axes, image in zip(row, [*paths, *views], strict=True):
             axes.imshow(image, interpolation="nearest")
-            axes.set_xticks([])
-            axes.set_yticks([])
-        kind = "detour" if dataset.detour[env] else "no detour"
-        row[0].set_ylabel(f"{driver}\n{WORDS[outcome]} ({kind})", fontsize=9)
+            axes.set(xticks=[], yticks=[])
+        for axes, result in zip(row, driven.values(), strict=False):
+            axes.set_xlabel(WORDS[Outcome(result.outcome[env])], fontsize=9)
+        row[0].set_ylabel("detour required" if dataset.detour[env] else "no detour", fontsize=9)
     for axes, title in zip(grid[0], titles, strict=True):
         axes.set_title(title, fontsize=10)
     _save(figure, path)
 
 
-def interesting(dataset: Dataset, blind: Episodes, seeing: Episodes, count: int) -> list[int]:
-    """Environments to show: with a detour, where the blind fail and the seeing succeed, long paths first."""
-    won = (blind.outcome != Outcome.SUCCESS) & (seeing.outcome == Outcome.SUCCESS)
-    value = seeing.lengths + 100 * (won & np.asarray(dataset.detour))
-    return np.argsort(-value, kind="stable")[:count].tolist()
+def interesting(dataset: Dataset, blind: Episodes, seeing: Episodes) -> list[int]:
+    """Environments to show, as far as there are: three that need eyes, one that does not, one that eyes lost.
+
+    The three require a detour, the blind fail there, and they have the longest paths in different layouts.
+    """
+    won, lost = seeing.outcome == Outcome.SUCCESS, blind.outcome != Outcome.SUCCESS
+    detour = np.asarray(dataset.detour)
+
+    def longest(which: NDArray[np.bool_], count: int) -> list[int]:
+        by_length = [env for env in np.argsort(-seeing.lengths, kind="stable").tolist() if which[env]]
+        layouts = dict.fromkeys(dataset.layout[env] for env in by_length)
+        return [next(e for e in by_length if dataset.layout[e] == layout) for layout in layouts][:count]
+
+    return longest(won & lost & detour, 3) + longest(won & ~lost & ~detour, 1) + longest(~won, 1)
+
+
+def _from_above(dataset: Dataset, result: Episodes, env: int) -> NDArray[np.uint8]:
+    moves = result.actions[env][result.actions[env] > 0]
+    return topview.draw(
+        dataset.scenario(env),
+        [int(cell) for cell in result.cells[env] if cell >= 0],
+        heading=int(moves[-1]) - 1 if len(moves) else None,
+        crashed=Outcome(result.outcome[env]) in (Outcome.CRASH_OBSTACLE, Outcome.CRASH_WALL),
+    )
 
 
 def _save(figure: Figure, path: Path) -> None:

@@ -26,6 +26,8 @@ def bar(title: str) -> Iterator[Report]:
             progress.update(task, completed=done, total=total, latest=_words(point))
 
         yield report
+        if progress.tasks[task].total is None:  # nothing was left to do
+            progress.update(task, completed=1, total=1, latest="was there already")
 
 
 def _words(point: dict) -> str:

@@ -33,14 +33,13 @@ def test_nothing_of_nothing_is_not_a_number():
 def test_markdown_stands_beside_the_paper():
     text = metrics.markdown({"secret-2": COUNTS, "plaintext-classifier": COUNTS})
     assert (
-        "| 2 parties, camera views | 50.0 (93.6) | 100.0 (98.8) | 87.5 (96.6) | 88.6 (99.5) | 3 | 2 | 0 |"
-        in text
+        "| 2 parties, cameras | 50.0 (93.6) | 100.0 (98.8) | 87.5 (96.6) | 88.6 (99.5) | 3 / 2 / 0 |" in text
     )
-    assert "| Plaintext, the secret recipe | 50.0 | 100.0 | 87.5 | 88.6 | 3 | 2 | 0 |" in text
+    assert "| Plaintext, the secret recipe | 50.0 | 100.0 | 87.5 | 88.6 | 3 / 2 / 0 |" in text
 
 
 def test_a_party_count_that_the_paper_has_not_gets_a_row_too():
-    assert metrics.rows({"secret-3": COUNTS})[0][:2] == ("3 parties, camera views", "50.0")
+    assert metrics.rows({"secret-3": COUNTS})[0][:2] == ("3 parties, cameras", "50.0")
 
 
 def test_the_terminal_shows_the_same_cells():
