@@ -101,7 +101,8 @@ def test_natural_draws_follow_the_probabilities():
 
     check([world.layout for world in worlds], grid.LAYOUT_PROBABILITIES, len(worlds))
     check([world.start_heading for world in worlds], [0, 0.5, 0, 0.5], len(worlds))
-    check([thing.shape for thing in things], scenario.SHAPE_PROBABILITIES, len(things))
+    check([thing.shape for thing in things], [0.5, 0.4, 0.1], len(things))  # box, ball, cone
+    check([len(world.obstacles) - 1 for world in worlds], [0.35, 0.35, 0.30], len(worlds))
     check([thing.colour for thing in things], [0.2] * 5, len(things))
 
 
@@ -152,7 +153,8 @@ def test_given_parts_are_kept():
         ({"obstacles": (0,)}, "obstacles="),
         ({"obstacles": (12,)}, "obstacles="),
         ({"obstacles": (3, 3)}, "obstacles="),
-        ({"obstacles": (1, 5)}, "No scenario"),
+        ({"obstacles": (1, 5)}, "No scenario"),  # nothing can be reached
+        ({"obstacles": (1, 10)}, "No scenario"),  # one cell alone can be reached
     ],
 )
 def test_impossible_wishes_are_refused(wish, message):
