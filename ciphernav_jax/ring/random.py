@@ -9,6 +9,7 @@ with a cipher and a 128-bit key.
 import itertools
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +34,11 @@ def draw(key: Array, shapes: Sequence[tuple[int, ...]]) -> list[UInt64[Array, ".
     """
     require_x64()
     sizes = [math.prod(shape) for shape in shapes]
-    words = _stream(key, sum(sizes))
+    if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+        key = jax.random.wrap_key_data(key)
+    # One key at a time under vmap: XLA's generator would serve a batch of keys from the first of them.
+    stream = jax.custom_batching.sequential_vmap(partial(_stream, count=sum(sizes)))
+    words = stream(jax.random.key_data(key))
     starts = [0, *itertools.accumulate(sizes)]
     return [
         lax.slice(words, (start,), (start + size,)).reshape(shape)
@@ -41,10 +46,8 @@ def draw(key: Array, shapes: Sequence[tuple[int, ...]]) -> list[UInt64[Array, ".
     ]
 
 
-def _stream(key: Array, count: int) -> UInt64[Array, " count"]:
-    if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
-        key = jax.random.wrap_key_data(key)
-    words = jax.random.key_data(key).astype(jnp.uint32).reshape(-1)
+def _stream(key_data: Array, count: int) -> UInt64[Array, " count"]:
+    words = key_data.astype(jnp.uint32).reshape(-1)
     # The counter starts at 2^63. `jax.random` derives keys and bits from the same block function with small
     # counters: from 0, the first word drawn from a key would be the key that split or fold_in makes of it.
     state = jnp.concatenate([words, jnp.array([0, 1 << 31], jnp.uint32)])[:4]

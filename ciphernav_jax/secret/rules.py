@@ -73,6 +73,17 @@ def _together(context: Context, operands: tuple[Operand, ...]) -> tuple[Value, .
     return tuple(_to_value(context, x, bits).lifted(bits) for x in aligned)
 
 
+def _side_by_side(context: Context, operands: tuple[Operand, ...]) -> tuple[Value, ...]:
+    """As `_together`, for entries that will stand beside one another unmixed.
+
+    Public entries then have shares that are not random (party 0 holds them), which local truncation must
+    never meet: so no truncation is left pending.
+    """
+    if any(not isinstance(x, Value) for x in operands):
+        operands = tuple(x.settled if isinstance(x, Value) else x for x in operands)
+    return _together(context, operands)
+
+
 def _has_public_float(operands: tuple[Operand, ...]) -> bool:
     return any(not isinstance(x, Value) and jnp.issubdtype(x.dtype, np.floating) for x in operands)
 
@@ -91,7 +102,7 @@ def _moves(primitive: Primitive, data_operands: int | None = None) -> None:
         indices = operands[count:]
         if any(isinstance(x, Value) for x in indices):
             raise Unsupported("an index is secret; indices must be public")
-        data = _together(context, operands[:count])
+        data = _side_by_side(context, operands[:count])
         moved = primitive.bind(*[x.share for x in data], *indices, **params)
         frac_bits = data[0].frac_bits
         if primitive.multiple_results:
@@ -253,7 +264,7 @@ def _abs(context: Context, x: Value) -> Value:
 @rule("select_n")
 def _select(context: Context, which: Operand, *cases: Operand) -> Value:
     if not isinstance(which, Value):
-        aligned = _together(context, cases)
+        aligned = _side_by_side(context, cases)
         chosen = lax.select_n_p.bind(which, *[case.share for case in aligned])
         return Value(context, aligned[0].frac_bits, share=chosen)
     if len(cases) != 2:
