@@ -46,7 +46,7 @@ def python_dot_general(x, y, dimension_numbers):
         for inner in np.ndindex(*[x.shape[i] for i in x_contract]):
             at_x, at_y = [0] * x.ndim, [0] * y.ndim
             for axis, position in zip(
-                (*x_batch, *x_free, *x_contract), (*index[: x.ndim - len(inner)], *inner), strict=False
+                (*x_batch, *x_free, *x_contract), (*index[: x.ndim - len(inner)], *inner), strict=True
             ):
                 at_x[axis] = position
             tail = index[len(x_batch) + len(x_free) :]

@@ -1,0 +1,193 @@
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from simulated import PARTIES, joint_uniformity
+
+from ciphernav_jax.protocols import sharing
+from ciphernav_jax.protocols.dealer import (
+    AndTriple,
+    DotProduct,
+    Mask,
+    Plan,
+    Planner,
+    Product,
+    Ref,
+    SharedBits,
+    Supply,
+    deal,
+)
+from ciphernav_jax.protocols.run import plan, run
+from ciphernav_jax.ring import bits
+
+ROWS_BY_COLUMNS = (((1,), (0,)), ((), ()))
+REQUESTS = (
+    Mask((3, 5)),
+    Mask((5, 2), shift=20),
+    Mask((5, 26), shift=7, bits=True),
+    Mask((70,), bits=True),
+    Product(Ref(0, "mask"), Ref(0, "mask")),
+    Product(Ref(2, "high"), Ref(2, "top")),
+    DotProduct(Ref(0, "mask"), Ref(1, "mask"), ROWS_BY_COLUMNS),
+    SharedBits((5, 26)),
+    SharedBits((3,), rows=(64,)),
+    AndTriple((4, 2), 3),
+    Mask(()),
+)
+
+
+def ask(dealer, private, public):
+    """A program that takes everything there is and hands it out."""
+    return [dealer.take(request).shares for request in REQUESTS], None
+
+
+@functools.cache
+def needed() -> Plan:
+    return plan(ask, 2, None, None)
+
+
+@functools.cache
+def dealt(parties):
+    return jax.jit(lambda key: deal(key, needed(), parties))(jax.random.key(11))
+
+
+def joined(parties):
+    """The dealer's values, from all parties' shares."""
+    return [
+        {
+            name: np.asarray((sharing.join_xor if name in request.binary else sharing.join_sum)(shares))
+            for name, shares in values.items()
+        }
+        for request, values in zip(REQUESTS, dealt(parties), strict=True)
+    ]
+
+
+def test_the_plan_is_what_the_program_takes_in_its_order():
+    assert needed().requests == REQUESTS
+    for parties in PARTIES:
+        assert plan(ask, parties, None, None) == needed()
+        shapes = tuple({name: x.shape[1:] for name, x in values.items()} for values in dealt(parties))
+        assert shapes == needed().shapes
+
+
+@pytest.mark.parametrize("parties", PARTIES)
+def test_each_party_is_handed_its_own_part_of_what_was_dealt(parties):
+    handed, _ = jax.jit(lambda key: run(ask, key, parties, None, None))(jax.random.key(11))
+    for given, expected in zip(handed, dealt(parties), strict=True):
+        assert given.keys() == expected.keys()
+        for name, shares in given.items():
+            np.testing.assert_array_equal(shares, expected[name])
+
+
+@pytest.mark.parametrize("parties", [*PARTIES, 8])
+def test_parts_of_a_mask_belong_to_the_same_mask(parties):
+    for request, values in zip(REQUESTS, joined(parties), strict=True):
+        if not isinstance(request, Mask):
+            continue
+        r = values["mask"]
+        assert r.shape == request.shape
+        assert ("high" in values) == (request.shift > 0)
+        if request.shift:
+            np.testing.assert_array_equal(values["high"], r >> np.uint64(request.shift))
+            np.testing.assert_array_equal(values["top"], r >> np.uint64(63))
+        assert ("bits" in values) == request.bits
+        if request.bits:
+            np.testing.assert_array_equal(bits.unpack(values["bits"], request.shape)[0], r & np.uint64(1))
+            np.testing.assert_array_equal(
+                jax.jit(bits.bit_unslice, static_argnums=1)(values["bits"], r.shape), r
+            )
+            np.testing.assert_array_equal(values["pairs"], values["bits"][0::2] & values["bits"][1::2])
+
+
+@pytest.mark.parametrize("parties", [*PARTIES, 8])
+def test_products_are_those_of_the_values_they_name(parties):
+    values = joined(parties)
+    a, b = values[0]["mask"], values[1]["mask"]
+    np.testing.assert_array_equal(values[4]["product"], a * a)
+    np.testing.assert_array_equal(values[5]["product"], values[2]["high"] * values[2]["top"])
+    np.testing.assert_array_equal(values[6]["product"], a @ b)
+
+
+@pytest.mark.parametrize("parties", [*PARTIES, 8])
+def test_bits_shared_both_ways_are_the_same_bits(parties):
+    for request, values in zip(REQUESTS, joined(parties), strict=True):
+        if isinstance(request, SharedBits):
+            assert values["bits"].shape == (*request.rows, *request.shape)
+            np.testing.assert_array_equal(bits.unpack(values["words"], request.shape), values["bits"])
+            assert 0 < values["bits"].mean() < 1
+            assert set(np.unique(values["bits"])) == {0, 1}
+
+
+@pytest.mark.parametrize("parties", [*PARTIES, 8])
+def test_a_triple_of_words_is_a_conjunction(parties):
+    triple = joined(parties)[REQUESTS.index(AndTriple((4, 2), 3))]
+    assert triple["right"].shape == (3, 4, 2)
+    np.testing.assert_array_equal(triple["product"], triple["left"][None] & triple["right"])
+
+
+def test_no_two_uniform_values_of_a_plan_share_a_word():
+    uniform = [
+        values[name] for values in joined(3) for name in ("mask", "left", "right", "words") if name in values
+    ]
+    together = np.concatenate([np.ravel(x) for x in uniform])
+    assert len(np.unique(together)) == together.size == sum(math.prod(x.shape) for x in uniform)
+
+
+@pytest.mark.parametrize("parties", PARTIES)
+def test_all_but_one_party_see_uniform_words_for_every_kind_of_request(parties):
+    size = 64 * 64
+    requests = (
+        Mask((size,), 20, bits=True),
+        Product(Ref(0, "high"), Ref(0, "top")),
+        SharedBits((size,)),
+        AndTriple((512,), 2),
+    )
+    asked = plan(lambda dealer, *_: ([dealer.take(r).shares for r in requests], None), parties, None, None)
+    supply = jax.jit(lambda key: deal(key, asked, parties))(jax.random.key(12))
+    for left_out in range(parties):
+        company = [
+            np.delete(x, left_out, axis=0) for values in supply for x in map(np.asarray, values.values())
+        ]
+        assert joint_uniformity([row for rows in company for row in rows]) > 1e-7
+
+
+def test_a_dealer_that_hands_out_values_in_the_clear_is_noticed(monkeypatch):
+    monkeypatch.setattr(sharing, "split_sum", lambda x, uniform: jnp.concatenate([x[None], 0 * uniform]))
+    asked = plan(lambda dealer, *_: (dealer.take(Mask((8192,), 20)).shares, None), 2, None, None)
+    (supply,) = deal(jax.random.key(13), asked, 2)
+    assert joint_uniformity([supply["mask"][1]]) < 1e-100
+    assert joint_uniformity([supply["high"][0]]) < 1e-100
+
+
+def test_a_program_that_departs_from_its_plan_raises():
+    supply = Supply(needed(), [{}] * len(REQUESTS))
+    with pytest.raises(RuntimeError, match="departed from its plan"):
+        supply.take(Mask((3, 6)))
+    only = Supply(Plan((Mask((1,)),), ({"mask": (1,)},)), [{"mask": jnp.zeros(1, jnp.uint64)}])
+    only.take(Mask((1,)))
+    with pytest.raises(RuntimeError, match="nothing more"):
+        only.take(Mask((1,)))
+
+
+def test_a_program_whose_requests_change_between_traces_raises():
+    shapes = iter([(3,), (4,)])
+
+    def fickle(dealer, private, public):
+        return dealer.take(Mask(next(shapes)))["mask"], None
+
+    with pytest.raises(RuntimeError, match="must not depend on the values"):
+        run(fickle, jax.random.key(0), 2, None, None)
+
+
+def test_planning_computes_nothing():
+    planner = Planner()
+    jax.eval_shape(lambda: planner.take(Mask((10**9, 10**3), 20, bits=True)).shares)
+    assert planner.plan().shapes[0]["mask"] == (10**9, 10**3)
+
+
+def test_dealing_for_fewer_than_two_parties_raises():
+    with pytest.raises(ValueError, match="at least two parties"):
+        deal(jax.random.key(0), needed(), 1)

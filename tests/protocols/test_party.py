@@ -1,0 +1,215 @@
+"""What passes between the parties: which operations, how often, and what it tells them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+from simulated import joint_uniformity, on_shares, views
+
+from ciphernav_jax.protocols import (
+    compare,
+    convert,
+    dealer,
+    masked,
+    multiply,
+    party,
+    relu,
+    sharing,
+    truncate,
+)
+from ciphernav_jax.protocols.run import plan
+
+COUNT = 64 * 128
+
+
+def product(d, x, y):
+    return multiply.multiply(d, masked.open_masked(d, x), masked.open_masked(d, y))
+
+
+def square(d, x):
+    return multiply.square(d, masked.open_masked(d, x))
+
+
+def inner_product(d, x, y):
+    numbers = (((0,), (0,)), ((), ()))
+    return multiply.dot_general(d, masked.open_masked(d, x), masked.open_masked(d, y), numbers)
+
+
+def probabilistic(d, x):
+    return truncate.probabilistic(d, x, 20).share()
+
+
+def local(d, x):
+    return truncate.local(x, 20)
+
+
+def positive(d, x):
+    return compare.positive(d, x).share()
+
+
+def fused(d, x):
+    return relu.relu(d, x, 20).output
+
+
+def back_and_forth(d, x):
+    return convert.to_ring(d, convert.to_bits(d, x), x.shape)
+
+
+# Program, number of inputs, openings stated by its docstring.
+PROGRAMS = {
+    "multiply": (product, 2, 2),
+    "square": (square, 1, 1),
+    "dot_general": (inner_product, 2, 2),
+    "probabilistic truncation": (probabilistic, 1, 1),
+    "local truncation": (local, 1, 0),
+    "positive": (positive, 1, 7),
+    "relu": (fused, 1, 7),
+    "to bits and back": (back_and_forth, 1, 8),
+}
+LOCAL_NAME = "axis_index"
+OPENING_NAMES = {"psum", "psum_invariant", "all_gather"}
+
+
+def equations(jaxpr):
+    for equation in jaxpr.eqns:
+        yield equation
+        for value in jax.tree.leaves(list(equation.params.values()), is_leaf=lambda v: hasattr(v, "eqns")):
+            inner = getattr(value, "jaxpr", value)
+            if hasattr(inner, "eqns"):
+                yield from equations(inner)
+
+
+def one_partys_jaxpr(program, inputs, parties):
+    """The online program of one party, its part of the dealer's randomness an input like its shares."""
+    shapes = [jax.ShapeDtypeStruct((parties, 128), jnp.uint64)] * inputs
+    needed = plan(lambda d, private, _: (program(d, *private), None), parties, shapes, None)
+    supply = [
+        {name: jax.ShapeDtypeStruct(shape, jnp.uint64) for name, shape in values.items()}
+        for values in needed.shapes
+    ]
+
+    def online(supply, *private):
+        return program(dealer.Supply(needed, supply), *private)
+
+    mine = [jax.ShapeDtypeStruct((128,), jnp.uint64)] * inputs
+    return jax.make_jaxpr(online, axis_env=[(party.AXIS, parties)])(supply, *mine)
+
+
+def crossing(jaxpr):
+    """Names of the primitives that know the party axis."""
+    return [
+        e.primitive.name
+        for e in equations(jaxpr.jaxpr)
+        if party.AXIS in jax.tree.leaves([e.params.get(k) for k in ("axes", "axis_name", "axis_names")])
+    ]
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_only_openings_cross_parties_and_as_often_as_stated(name):
+    program, inputs, openings = PROGRAMS[name]
+    names = crossing(one_partys_jaxpr(program, inputs, 2))
+    assert set(names) <= OPENING_NAMES | {LOCAL_NAME}
+    assert len([n for n in names if n != LOCAL_NAME]) == openings
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_online_programs_draw_no_randomness(name):
+    program, inputs, _ = PROGRAMS[name]
+    names = {e.primitive.name for e in equations(one_partys_jaxpr(program, inputs, 2).jaxpr)}
+    assert names
+    assert not [n for n in names if any(word in n for word in ("random", "rng", "threefry"))]
+
+
+def test_another_way_across_and_a_draw_would_be_noticed():
+    def neighbourly(d, x):
+        noise, _ = jax.lax.scan(
+            lambda c, _: (c + jax.random.bits(jax.random.key(0), (), jnp.uint64), None), x, length=2
+        )
+        return jax.jit(lambda v: lax.ppermute(v, party.AXIS, [(0, 1), (1, 0)]))(x + noise)
+
+    jaxpr = one_partys_jaxpr(neighbourly, 1, 2)
+    assert crossing(jaxpr) == ["ppermute"]
+    assert any("random" in e.primitive.name for e in equations(jaxpr.jaxpr))
+
+
+def view(program, inputs, parties, secret):
+    """Every party's every message and every opened value, for many copies of a secret."""
+    count = COUNT // 4 if program is back_and_forth else COUNT
+    secrets = [np.full(count, secret % 2**64, np.uint64)] * inputs
+    messages, opened = views(program, parties)(1, *secrets)
+    return [np.asarray(row) for message in messages for row in message] + [np.asarray(x) for x in opened]
+
+
+@pytest.mark.parametrize("secret", [0, -3 * 2**20 - 1])
+@pytest.mark.parametrize(
+    ("name", "parties"), [*((n, 2) for n in PROGRAMS if n != "local truncation"), ("relu", 5)]
+)
+def test_what_is_sent_and_opened_is_uniform_whatever_the_secret(name, parties, secret):
+    program, inputs, openings = PROGRAMS[name]
+    seen = view(program, inputs, parties, secret)
+    assert len(seen) == openings * (parties + 1)
+    assert joint_uniformity(seen) > 1e-7
+
+
+def zeros(draws):
+    return [jnp.zeros_like(x) for x in draws]
+
+
+def repeated(draws):
+    return [jnp.broadcast_to(x.ravel()[0], x.shape) for x in draws]
+
+
+@pytest.mark.parametrize("fault", [zeros, repeated])
+@pytest.mark.parametrize(
+    ("name", "request_type"),
+    [
+        ("multiply", dealer.Mask),
+        ("square", dealer.Mask),
+        ("dot_general", dealer.Mask),
+        ("probabilistic truncation", dealer.Mask),
+        ("positive", dealer.Mask),
+        ("positive", dealer.AndTriple),
+        ("positive", dealer.SharedBits),
+        ("relu", dealer.Mask),
+        ("to bits and back", dealer.AndTriple),
+        ("to bits and back", dealer.SharedBits),
+    ],
+)
+def test_a_mask_that_is_zero_or_used_again_is_noticed(monkeypatch, name, request_type, fault):
+    deal = request_type.deal
+    monkeypatch.setattr(request_type, "deal", lambda self, draws, earlier: deal(self, fault(draws), earlier))
+    program, inputs, _ = PROGRAMS[name]
+    assert joint_uniformity(view(program, inputs, 2, 5)) < 1e-30
+
+
+@pytest.mark.parametrize("parties", [2, 3, 5])
+def test_the_shares_that_a_protocol_leaves_are_fresh(parties):
+    """All but one party's output shares are uniform, so that opening a result shows the result alone."""
+    x = np.full(COUNT, 3 * 2**20, np.uint64)
+    shares = np.asarray(on_shares(fused, parties)(2, x))
+    np.testing.assert_array_equal(sharing.join_sum(shares), np.full(COUNT, 3))
+    for left_out in range(parties):
+        assert joint_uniformity(list(np.delete(shares, left_out, axis=0))) > 1e-7
+
+
+@pytest.mark.parametrize("parties", [2, 3, 5])
+def test_openings_give_every_party_the_joined_value(parties):
+    def program(private, public):
+        return (party.open_sum(private), party.open_xor(private), party.from_party_zero(public)), None
+
+    x = np.random.default_rng(3).integers(0, 2**64, (parties, 10), dtype=np.uint64)
+    simulated = jax.jit(lambda x, public: party.simulate(program, parties)(x, public)[0])
+    total, parity, held = simulated(x, jnp.full(10, 7, jnp.uint64))
+    for row in range(parties):
+        np.testing.assert_array_equal(total[row], x.sum(axis=0))
+        np.testing.assert_array_equal(parity[row], np.bitwise_xor.reduce(x))
+    for joined in (sharing.join_sum(held), sharing.join_xor(held)):
+        np.testing.assert_array_equal(joined, np.full(10, 7))
+
+
+@pytest.mark.parametrize("names", [("device",), ("party", "model")])
+def test_deploying_over_another_mesh_raises(names):
+    mesh = jax.make_mesh((1,) * len(names), names, devices=jax.devices()[:1])
+    with pytest.raises(ValueError, match='one axis "party"'):
+        party.deploy(lambda private, public: (private, public), mesh)

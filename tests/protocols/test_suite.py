@@ -1,0 +1,41 @@
+import dataclasses
+import subprocess
+import sys
+
+import pytest
+
+from ciphernav_jax.protocols import Protocol
+
+
+def test_a_protocol_is_a_value():
+    assert Protocol() == Protocol(frac_bits=20, truncation="probabilistic")
+    assert hash(Protocol()) == hash(Protocol())
+    assert Protocol() != Protocol(frac_bits=16)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Protocol().frac_bits = 3  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytest.mark.parametrize("frac_bits", [-1, 0, 31, 64])
+def test_fractional_bits_without_room_for_products_raise(frac_bits):
+    with pytest.raises(ValueError, match=r"1\.\.30"):
+        Protocol(frac_bits=frac_bits)
+
+
+def test_an_unknown_variant_raises_and_names_the_known_ones():
+    with pytest.raises(ValueError, match="probabilistic, local"):
+        Protocol(truncation="nearest")  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("frac_bits", [1, 16, 20, 30])
+def test_products_within_the_bound_are_within_the_range_of_truncation(frac_bits):
+    assert Protocol(frac_bits=frac_bits).bound * 4**frac_bits == 2**62
+
+
+def test_protocols_import_nothing_of_what_is_built_on_them():
+    program = """
+import sys
+import ciphernav_jax.protocols.relu, ciphernav_jax.protocols.run
+above = ("ciphernav_jax.secret", "ciphernav_jax.world", "flax", "optax")
+assert not [n for n in sys.modules if n.startswith(above)]
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

@@ -1,0 +1,152 @@
+import functools
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+from simulated import EDGES, PARTIES, elements, on_secrets, signed
+
+from ciphernav_jax.protocols import truncate
+
+SHIFTS = [*range(1, 41), 61, 62]
+FEW = [1, 20, 40, 62]
+
+
+def truncated(shifts, variant="probabilistic"):
+    return _truncated(tuple(shifts), variant)
+
+
+@functools.cache
+def _truncated(shifts, variant):
+    """A program that truncates a value by each of the shifts."""
+
+    def program(dealer, x):
+        if variant == "local":
+            return jnp.stack([truncate.local(x, shift) for shift in shifts])
+        return jnp.stack([truncate.probabilistic(dealer, x, shift).share() for shift in shifts])
+
+    return program
+
+
+def rounded_up(got, x, shift):
+    """0 where the result is the floor of x / 2^shift, 1 where it is one more; anything else if it failed."""
+    return signed(got) - (signed(x) >> shift)
+
+
+def fair(ups, count, fraction):
+    """Whether `ups` of `count` results rounded up agree with the probability `fraction`."""
+    return stats.binomtest(int(ups), count, fraction).pvalue > 1e-5
+
+
+@pytest.mark.parametrize(("parties", "shifts"), [(2, FEW), (3, SHIFTS), (5, FEW), (8, FEW)])
+def test_error_is_below_one_unit_at_every_edge_and_shift(parties, shifts):
+    powers = [sign * 2**k + d for k in range(62) for sign in (1, -1) for d in (-1, 0, 1)]
+    values = [v for v in [*EDGES, *powers] if -(2**62) <= v < 2**62]
+    x = np.repeat(elements(values), 4)
+    got = on_secrets(truncated(shifts), parties)(1, x)
+    for shift, y in zip(shifts, got, strict=True):
+        up = rounded_up(y, x, shift)
+        assert set(np.unique(up)) <= {0, 1}
+        # An error below one unit leaves multiples of 2^shift exact.
+        assert not up[signed(x) % 2**shift == 0].any()
+
+
+@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("base", [0, -(2**62), 2**62 - 2**20, -(5 * 2**20)])
+def test_truncation_rounds_up_with_the_probability_that_makes_it_unbiased(parties, base):
+    shift, count = 20, 1 << 14
+    fractions = [0, 1, 2**10, 2**18, 2**19, 2**20 - 2**10, 2**20 - 1]
+    x = np.repeat(elements([base + low for low in fractions])[:, None], count, axis=1)
+    (got,) = on_secrets(truncated([shift]), parties)(2, x)
+    ups = rounded_up(got, x, shift)
+    assert set(np.unique(ups)) == {0, 1}
+    for low, up in zip(fractions, ups, strict=True):
+        assert fair(up.sum(), count, low / 2**shift)
+
+
+@pytest.mark.parametrize("parties", PARTIES)
+def test_the_mean_of_all_fractions_of_a_small_shift_is_exact(parties):
+    count = 1 << 13
+    x = np.repeat(elements(range(-16, 16))[:, None], count, axis=1)
+    (got,) = on_secrets(truncated([4]), parties)(3, x)
+    error = signed(got).mean(axis=1) - np.arange(-16, 16) / 16
+    fraction = np.arange(-16, 16) % 16 / 16
+    deviation = np.sqrt(fraction * (1 - fraction) / count)
+    assert np.all(
+        np.abs(error) <= 5 * deviation
+    )  # 32 values: by chance once in 50,000 keys, and the key is fixed
+
+
+def test_a_truncation_that_rounds_down_or_to_nearest_would_be_noticed():
+    x = np.full(1 << 14, 2**18 + 2**20, np.uint64)
+    assert not fair(rounded_up(x >> np.uint64(20), x, 20).sum(), x.size, 0.25)
+    nearest = np.round(x / 2**20).astype(np.uint64)
+    assert not fair(rounded_up(nearest, x, 20).sum(), x.size, 0.25)
+    # A bias of a hundredth of a unit shows.
+    assert not fair(round(0.24 * (1 << 17)), 1 << 17, 0.25)
+
+
+@pytest.mark.parametrize("parties", PARTIES)
+def test_not_one_of_a_million_truncations_of_large_values_fails(parties):
+    shifts, count = [16, 18, 20], 1 << 17
+    rng = np.random.default_rng(parties)
+    failures = total = 0
+    for seed, frac_bits in enumerate(shifts):
+        limit = 30_000 * 4**frac_bits
+        x = elements(rng.integers(limit - limit // 1000, limit, count) * rng.choice([-1, 1], count))
+        for shift, y in zip(shifts, on_secrets(truncated(shifts), parties)(seed, x), strict=True):
+            up = rounded_up(y, x, shift)
+            failures += np.sum((up != 0) & (up != 1))
+            total += count
+    assert (failures, total > 10**6) == (0, True)
+
+
+def test_beyond_the_stated_range_results_are_wrong_and_the_test_for_failures_sees_it():
+    x = np.full(1 << 12, 2**62 + 2**61, np.uint64)
+    (got,) = on_secrets(truncated([20]), 2)(4, x)
+    up = rounded_up(got, x, 20)
+    assert np.any((up != 0) & (up != 1))
+
+
+@pytest.mark.parametrize("shift", [1, 16, 20])
+def test_local_truncation_errs_below_one_unit_without_bias_while_values_are_small(shift):
+    count = 1 << 14
+    lows = sorted({0, 1, 2**shift // 4, 2**shift // 2, 2**shift - 1})
+    values = [base + low for base in (0, -(2**22), 2**40) for low in lows]
+    x = np.repeat(elements(values)[:, None], count, axis=1)
+    (got,) = on_secrets(truncated([shift], "local"), 2)(5, x)
+    ups = rounded_up(got, x, shift)
+    assert set(np.unique(ups)) == {0, 1}  # a failure has probability 2^-24 at most, in 245,760 results
+    for value, up in zip(values, ups, strict=True):
+        assert fair(up.sum(), count, value % 2**shift / 2**shift)
+
+
+@pytest.mark.parametrize("shift", [1, 16, 20])
+@pytest.mark.parametrize("value", [2**58, 2**60, -(2**60), 2**61, 3 * 2**59 + 12345, -(2**62)])
+def test_local_truncation_fails_as_often_and_by_as_much_as_it_says(value, shift):
+    count = 1 << 15
+    x = np.full(count, value % 2**64, np.uint64)
+    (got,) = on_secrets(truncated([shift], "local"), 2)(6, x)
+    error = rounded_up(got, x, shift)
+    failed = (error != 0) & (error != 1)
+    assert fair(failed.sum(), count, abs(value) / 2**64)
+    off = -math.copysign(1, value) * 2 ** (64 - shift)
+    wrapped = np.uint64(int(off) % 2**64)  # with shift 1 the error itself is half the ring
+    assert set(np.unique((error[failed].view(np.uint64) - wrapped).view(np.int64))) <= {0, 1}
+
+
+@pytest.mark.parametrize("parties", [3, 5])
+def test_local_truncation_is_for_two_parties_only(parties):
+    with pytest.raises(ValueError, match="two parties"):
+        on_secrets(truncated([16], "local"), parties)(7, np.zeros(1, np.uint64))
+
+
+def test_shift_zero_changes_nothing():
+    x = elements([*EDGES, 2**63, 2**64 - 1])
+
+    def program(dealer, x):
+        return truncate.probabilistic(dealer, x, 0).share(), truncate.local(x, 0)
+
+    for got in on_secrets(program, 2)(8, x):
+        np.testing.assert_array_equal(got, x)
