@@ -53,7 +53,7 @@ def run(args: Demo) -> None:
     """
     for parties in args.parties:
         cast(parties)
-    clock = Clock()
+    clock, resumed = Clock(), (args.out / "models").exists()
 
     console.rule("1. A world, rendered by MiniWorld")
     with clock.part("generate"):
@@ -89,12 +89,14 @@ def run(args: Demo) -> None:
             episodes[name] = trained.drive(test, config, model, args.seed)
 
     console.rule("5. The table")
-    _write(args, test, episodes, clock, (plain_recipe, secret_recipe))
+    _write(args, test, episodes, clock, resumed, (plain_recipe, secret_recipe))
     _draw(args.out, test, episodes, folders, args.parties[-1])
     console.print(f"Written: {args.out}/table.json, table.md, curves.png, episodes.png")
 
 
-def _write(args: Demo, test: Dataset, episodes: dict[str, Episodes], clock: Clock, recipes: tuple) -> None:
+def _write(
+    args: Demo, test: Dataset, episodes: dict[str, Episodes], clock: Clock, resumed: bool, recipes: tuple
+) -> None:
     counts = {name: metrics.tally(test, driven) for name, driven in episodes.items()}
     console.print(metrics.table(counts, f"{len(test)} test environments, half of which need a detour"))
     document = {
@@ -109,6 +111,7 @@ def _write(args: Demo, test: Dataset, episodes: dict[str, Episodes], clock: Cloc
         "versions": record.versions(),
         "machine": record.machine(),
         "seconds": clock.seconds,
+        "resumed": resumed,  # then the seconds are of what was left to do
         "counts": counts,
         "accuracy": {name: metrics.accuracy(metrics.overall(halves)) for name, halves in counts.items()},
     }

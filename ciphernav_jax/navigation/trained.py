@@ -6,11 +6,13 @@ model/        the result, once it is finished: encoders, scales and weights (of 
 curve.json    the training curve, once it is finished
 """
 
+import hashlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 from flax import nnx
 
 from ciphernav_jax import __version__
@@ -92,7 +94,8 @@ def train_classifier(
     """
     if parties is not None:
         cast(parties)
-    config = _config("plaintext-classifier" if parties is None else "secret", parties, seed, recipe, dataset)
+    name = "plaintext-classifier" if parties is None else "secret"
+    config = _config(name, parties, seed, recipe, dataset) | {"encoders": _fingerprint(teacher.encoders)}
     if _begin(folder, config):
         return load(folder)[1]
     samples = teacher_forced(dataset, sees(config))
@@ -165,6 +168,13 @@ def _config(
     data = {name: dataset.meta.get(name) for name in ("split", "count", "seed", "unseen_by")}
     training = {"method": method, "parties": parties, "seed": seed, "recipe": asdict(recipe), "data": data}
     return {"kind": KIND, "version": __version__, **training}
+
+
+def _fingerprint(arrays: Any) -> str:
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves(arrays):
+        digest.update(np.asarray(leaf).tobytes())
+    return digest.hexdigest()
 
 
 def _begin(folder: Path, config: dict) -> bool:

@@ -106,6 +106,14 @@ def test_a_folder_goes_on_only_with_the_same_training(world, tmp_path):
         trained.train_end_to_end(world, "first-person", PLAIN, 0, tmp_path, silent)
 
 
+def test_a_classifier_goes_on_only_with_the_same_encoders(world, teacher, tmp_path):
+    with pytest.raises(Killed):
+        trained.train_classifier(world, teacher, FRESH, 0, tmp_path, killed_after_first)
+    other = teacher._replace(encoders=jax.tree.map(lambda leaf: leaf + np.float32(1), teacher.encoders))
+    with pytest.raises(DamagedError, match="differs in encoders"):
+        trained.train_classifier(world, other, FRESH, 0, tmp_path, silent)
+
+
 def test_a_damaged_checkpoint_is_named(world, tmp_path):
     with pytest.raises(Killed):
         trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, killed_after_first)
