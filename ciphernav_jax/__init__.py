@@ -9,13 +9,15 @@ The packages in import order; each imports only from those above it.
 - `models`: the paper's encoders and action classifier.
 - `navigation`: training, plain and secret, and closed-loop evaluation.
 
-The names of the public face are imported on first use, so that the processes that render
-Obstacle World never load JAX.
+Importing the package registers the gymnasium environment. The names of the public face are imported on
+first use, so that the processes that render Obstacle World never load JAX.
 """
 
 import importlib
 import os
 import sys
+
+from ciphernav_jax import world  # registers the gymnasium environment
 
 __version__ = "0.1.0"
 
@@ -33,9 +35,9 @@ _HOME = {
     "secure": "secret",
     "share": "secret",
 }
-_PACKAGES = ("ring", "protocols", "secret", "world", "models", "navigation")
+_PACKAGES = ("ring", "protocols", "secret", "models", "navigation")
 
-__all__ = sorted([*_HOME, *_PACKAGES])  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = sorted([*_HOME, *_PACKAGES, "world"])  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str):
