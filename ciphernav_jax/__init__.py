@@ -17,7 +17,7 @@ import importlib
 import os
 import sys
 
-from ciphernav_jax import world  # registers the gymnasium environment
+from ciphernav_jax import world  # noqa: F401  (registers the gymnasium environment)
 
 __version__ = "0.1.0"
 
