@@ -8,7 +8,9 @@
 - `classifier`: a fresh classifier on frozen features, in plaintext or under secret sharing.
 - `storage`: checkpoints and files that survive a kill.
 - `rollout`: closed-loop episodes, with any policy.
-- `policies`: networks, plain and secret, as policies.
-- `metrics`: counts, accuracies, the table beside the paper's.
-- `pictures`, `demo`: what a newcomer sees.
+- `policies`: classifiers, plain and secret, as policies.
+- `trained`: training folders, and driving with what they hold.
+- `paper`, `metrics`: counts, accuracies, the table beside the paper's.
+- `progress`, `pictures`, `record`: bars, PNGs, versions and machine.
+- `commands`, `demo`: what the command line runs.
 """

@@ -23,7 +23,7 @@ TITLES = {
     "random": "Random walk",
     "map-only": "Map only",
     "first-person": "First person",
-    "first-person-deterministic": "First person, deterministic start",
+    "first-person-deterministic": "First person, fixed start",
     "secret-2": "2 parties, cameras",
     "secret-5": "5 parties, cameras",
     "plaintext": "Plaintext, cameras",
