@@ -12,11 +12,12 @@ The dealer is trusted, takes part in nothing else, and must not collude with a p
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.extend.core import get_opaque_trace_state
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
@@ -207,13 +208,24 @@ class Planner:
 
 @dataclass
 class Supply:
-    """A dealer that hands out one party's part of randomness made beforehand, in the order of the plan."""
+    """A dealer that hands out one party's part of randomness made beforehand, in the order of the plan.
+
+    Make it where the program begins. What is taken in the body of a loop or a `vmap` of the program's own
+    would be the same in every iteration, and a mask used twice shows the difference of what it hides: refused.
+    """
 
     plan: Plan
     shares: Sequence[Values]
     taken: int = 0
+    beginning: Any = field(default_factory=get_opaque_trace_state, repr=False)
 
     def take(self, request: Request) -> Dealt:
+        if get_opaque_trace_state() != self.beginning:
+            raise RuntimeError(
+                f"a program asked for {request} in the body of a loop, vmap or jit of its own, where every "
+                "iteration would get the same randomness. Take it outside, with a row for each iteration, or "
+                "loop around the whole program."
+            )
         i = self.taken
         if i >= len(self.plan.requests) or request != self.plan.requests[i]:
             planned = self.plan.requests[i] if i < len(self.plan.requests) else "nothing more"
