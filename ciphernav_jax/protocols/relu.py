@@ -31,7 +31,7 @@ def relu(dealer: Dealer, x: UInt64[Array, "..."], shift: int = 0) -> Relu:
     Opened: what `compare.positive` opens. Rounds: 7. Correlated randomness for each value: one `Mask` with
     bits and shift, 31 bit `AndTriple`s, one of `SharedBits`, two `Product`s (one with shift 0). Error: that
     of the truncation, below 1 unit of the result and unbiased; with shift 0 none. Valid for |x| < 2^62 (with
-    shift 0 for all x but -2^63). The output is 0 exactly where the bit is 0.
+    shift 0 for all x but -2^63). Where the bit is 0 the output is exactly 0.
     """
     mask = dealer.take(Mask(x.shape, shift, bits=True))
     c = open_sum(x + mask["mask"])

@@ -94,7 +94,8 @@ def decode(
 ) -> Float[Array, "..."]:
     """The real numbers that ring elements stand for: the signed value divided by 2^frac_bits.
 
-    Exact in float64 for |v| < 2^(53 - frac_bits); beyond, and in float32, rounded to nearest.
+    Exact in float64 for |v| <= 2^(53 - frac_bits); beyond, and in float32, rounded to nearest (beyond that
+    and in float32, twice).
     """
     signed = lax.bitcast_convert_type(elements, jnp.int64)
     return (signed.astype(jnp.float64) * 2.0**-frac_bits).astype(dtype)
