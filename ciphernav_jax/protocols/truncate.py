@@ -50,7 +50,12 @@ def from_opening(c: UInt64[Array, "..."], mask: Dealt, shift: int) -> Masked:
     """Step 3 of `probabilistic` from an opened c = x + r (no offset) under a `Mask` with that shift. Local.
 
     With shift 0 the value is c - [r], exactly.
+
+    Raises:
+        ValueError: a shift outside 0..62; the offset is no multiple of a larger one.
     """
+    if not 0 <= shift <= OFFSET_BITS:
+        raise ValueError(f"truncation shifts by 0 to {OFFSET_BITS} bits, got {shift}")
     minus_one = jnp.full(c.shape, 2**64 - 1, jnp.uint64)
     if shift == 0:
         return Masked(c, (Term(minus_one, mask["mask"], mask.ref("mask")),))
