@@ -211,7 +211,8 @@ class Supply:
     """A dealer that hands out one party's part of randomness made beforehand, in the order of the plan.
 
     Make it where the program begins. What is taken in the body of a loop or a `vmap` of the program's own
-    would be the same in every iteration, and a mask used twice shows the difference of what it hides: refused.
+    would be the same in every iteration, and a mask used twice shows the difference of what it hides;
+    `take` refuses it.
     """
 
     plan: Plan
