@@ -182,6 +182,20 @@ def test_a_program_whose_requests_change_between_traces_raises():
         run(fickle, jax.random.key(0), 2, None, None)
 
 
+@pytest.mark.parametrize("loop", ["scan", "vmap"])
+def test_randomness_taken_in_a_loop_would_repeat_and_raises(loop):
+    def program(dealer, private, public):
+        def body(x):
+            return x + dealer.take(Mask(()))["mask"]
+
+        if loop == "vmap":
+            return jax.vmap(body)(private), None
+        return jax.lax.scan(lambda carry, x: (carry, body(x)), 0, private)[1], None
+
+    with pytest.raises(RuntimeError, match="every iteration would get the same"):
+        run(program, jax.random.key(0), 2, jnp.zeros((2, 4), jnp.uint64), None)
+
+
 def test_planning_computes_nothing():
     planner = Planner()
     jax.eval_shape(lambda: planner.take(Mask((10**9, 10**3), 20, bits=True)).shares)

@@ -35,7 +35,7 @@ def test_protocols_import_nothing_of_what_is_built_on_them():
     program = """
 import sys
 import ciphernav_jax.protocols.relu, ciphernav_jax.protocols.run
-above = ("ciphernav_jax.secret", "ciphernav_jax.world", "flax", "optax")
+above = ("ciphernav_jax.secret", "ciphernav_jax.models", "ciphernav_jax.navigation", "flax", "optax")
 assert not [n for n in sys.modules if n.startswith(above)]
 """
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

@@ -142,6 +142,12 @@ def test_local_truncation_is_for_two_parties_only(parties):
         on_secrets(truncated([16], "local"), parties)(7, np.zeros(1, np.uint64))
 
 
+@pytest.mark.parametrize("shift", [-1, 63, 64])
+def test_a_shift_that_the_offset_does_not_allow_raises(shift):
+    with pytest.raises(ValueError, match="0 to 62"):
+        on_secrets(truncated([shift]), 2)(9, np.zeros(1, np.uint64))
+
+
 def test_shift_zero_changes_nothing():
     x = elements([*EDGES, 2**63, 2**64 - 1])
 

@@ -15,6 +15,7 @@ MODULUS = 2**64
 # Elements whose 22-bit limbs are the largest in magnitude, of equal and of different signs.
 LIMB_MOST_NEGATIVE = sum((2**21 << 22 * i) for i in range(3)) % MODULUS
 LIMB_MOST_POSITIVE = sum(((2**21 - 1) << 22 * i) for i in range(3)) % MODULUS
+LIMBS_UNEQUAL = (2**21 - 1) + ((2**21 - 2) << 22)  # sums of an odd number of products are odd
 LIMBS_ALTERNATE = (2**21 - 1) - (2**21 << 22) + ((2**19 - 1) << 44)
 EXTREMES = (
     0,
@@ -29,6 +30,7 @@ EXTREMES = (
     LIMB_MOST_NEGATIVE,
     MODULUS - LIMB_MOST_NEGATIVE,
     LIMB_MOST_POSITIVE,
+    LIMBS_UNEQUAL,
     LIMBS_ALTERNATE % MODULUS,
 )
 ELEMENTS = st.sampled_from(EXTREMES) | st.integers(0, MODULUS - 1)
@@ -81,7 +83,7 @@ def test_matmul_equals_python_integers(entries):
 
 
 @pytest.mark.parametrize("y", EXTREMES)
-@pytest.mark.parametrize("length", [MAX_CONTRACTION, 2 * MAX_CONTRACTION + 1])
+@pytest.mark.parametrize("length", [MAX_CONTRACTION - 1, MAX_CONTRACTION, 2 * MAX_CONTRACTION + 1])
 def test_no_contraction_length_and_no_worst_case_entry_loses_a_bit(length, y):
     x = np.repeat(np.array(EXTREMES, np.uint64)[:, None], length, axis=1)
     got = matmul(x, np.full((length, 1), y, np.uint64))
