@@ -56,7 +56,8 @@ class Train:
 class Evaluate:
     """Let a trained navigator drive in every environment of a test set, and count how it ends.
 
-    A secret one drives under secret sharing: the best action is opened at each step, nothing else.
+    A secret one drives under secret sharing: the best action is opened at each step, nothing else. With
+    `--parties` so does one that was trained in plaintext: its weights are then public, the inputs secret.
     """
 
     model: Path
@@ -65,6 +66,9 @@ class Evaluate:
     """Test set, made by `ciphernav generate --split test`."""
     out: Path | None = None
     """Folder for metrics.json; by default MODEL/evaluation (out/random for the random walk)."""
+    parties: int | None = None
+    """Drive under secret sharing among so many parties; for a secret training the number it was trained with.
+    """
     seed: int = 0
     """Of the shares and protocols, or of the random walk."""
 

@@ -2,7 +2,8 @@
 
 Both run the same ordinary JAX function, `sgd_step`. Under secret sharing every party shares the
 slots it owns once, the weights are shared from the start and never opened, and all that comes out
-is the loss, summed over a chunk of steps.
+is the loss, summed over a chunk of steps, and how many samples of the chunk's last batch are answered
+rightly.
 """
 
 import functools
@@ -57,6 +58,12 @@ def predict(params: Any, slots: tuple) -> jax.Array:
     return nnx.merge(GRAPH, params)(jnp.concatenate(slots, axis=-1))
 
 
+def count_right(params: Any, slots: tuple, labels: jax.Array) -> jax.Array:
+    """float32: for how many samples the largest logit is the right action's."""
+    right = jnp.argmax(predict(params, slots), axis=-1) == jnp.argmax(labels, axis=-1)
+    return jnp.sum(right.astype(jnp.float32))
+
+
 def initial(seed: int) -> dict:
     """Random public weights of a fresh classifier, as a dict of float32 arrays."""
     return nnx.to_pure_dict(nnx.split(ActionClassifier(nnx.Rngs(seed)))[1])
@@ -106,8 +113,9 @@ def train(
         parties: how many share the secrets; None trains in plaintext.
 
     Returns:
-        The weights, secret if there are parties, and the curve: a dict of step and mean loss for each
-        chunk. Of a secret training the sum of a chunk's losses is opened and nothing else.
+        The weights, secret if there are parties, and the curve: for each chunk a dict of step, mean
+        loss, and accuracy on its last batch in percent, after its update. Of a
+        secret training the sum of a chunk's losses and that count of right answers are opened, nothing else.
 
     Raises:
         ValueError: fewer than two parties.
@@ -131,10 +139,11 @@ def train(
         if parties is not None:
             total = share(jax.random.fold_in(loss_key, done), total, parties=parties)
         batches = (steps, decay, samples.env[rows], rows)
-        *state, total = _run(protocol_key, (*state, total), data, batches, recipe, parties is not None)
+        *state, total, right = _run(protocol_key, (*state, total), data, batches, recipe, parties is not None)
         done += len(steps)
         loss = float(reveal(total)) / (len(steps) * recipe.batch * ACTIONS)
-        curve = [*curve, {"step": done, "loss": loss}]
+        accuracy = 100 * float(reveal(right)) / recipe.batch
+        curve = [*curve, {"step": done, "loss": loss, "accuracy": accuracy}]
         checkpoints.save(done, tuple(state), curve)
         report(done, recipe.steps, curve[-1])
     return state[0], curve
@@ -144,15 +153,20 @@ def train(
 def _run(key: jax.Array, state: tuple, data: tuple, batches: tuple, recipe: FreshClassifier, secret: bool):
     """A chunk of steps as one loop; a step's randomness comes from its number, wherever the chunk began."""
     cameras, robot, labels = data
-    plain = functools.partial(sgd_step, recipe=recipe)
-    advance = secure(plain) if secret else lambda _, *args: plain(*args)
+    evaluate = secure if secret else lambda function: lambda _, *args: function(*args)
+    advance, count = evaluate(functools.partial(sgd_step, recipe=recipe)), evaluate(count_right)
+
+    def samples(env, row):
+        return (*(camera[env] for camera in cameras), *(slot[row] for slot in robot)), labels[row]
 
     def body(state, batch):
         step, decay, env, row = batch
-        slots = (*(camera[env] for camera in cameras), *(slot[row] for slot in robot))
-        return advance(jax.random.fold_in(key, step), state, slots, labels[row], decay), None
+        return advance(jax.random.fold_in(key, step), state, *samples(env, row), decay), None
 
-    return jax.lax.scan(body, state, batches)[0]
+    state, _ = jax.lax.scan(body, state, batches)
+    last, _, env, row = (of_batch[-1] for of_batch in batches)
+    step_key = jax.random.fold_in(key, last)
+    return *state, count(jax.random.fold_in(step_key, 1), state[0], *samples(env, row))
 
 
 def one_hot(samples: Samples) -> NDArray[np.float32]:

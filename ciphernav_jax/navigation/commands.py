@@ -57,11 +57,11 @@ def evaluate(args: Evaluate) -> None:
         out = args.out or Path("out/random")
     else:
         config, model = trained.load(args.model)
-        name = trained.row(config)
-        if config["parties"]:
-            console.print(statement(config["parties"]), highlight=False)
+        name = trained.row(config, args.parties)
+        if parties := config["parties"] or args.parties:
+            console.print(statement(parties, public_weights=not config["parties"]), highlight=False)
         with console.status(f"{len(data)} robots drive"):
-            episodes = trained.drive(data, config, model, args.seed)
+            episodes = trained.drive(data, config, model, args.seed, args.parties)
         out = args.out or args.model / "evaluation"
     counts = metrics.tally(data, episodes)
     described = {key: data.meta.get(key) for key in ("split", "count", "seed", "unseen_by")}

@@ -24,8 +24,6 @@ TITLES = {
     "map-only": "Map only",
     "first-person": "First person",
     "first-person-deterministic": "First person, fixed start",
-    "secret-2": "2 parties, cameras",
-    "secret-5": "5 parties, cameras",
     "plaintext": "Plaintext, cameras",
     "plaintext-classifier": "Plaintext, the secret recipe",
 }
@@ -104,4 +102,6 @@ def table(results: Mapping[str, Counts], heading: str) -> Table:
 
 def title(name: str) -> str:
     """The title of a row, by the name of its method; of a secret one by `secret-P`."""
-    return TITLES.get(name) or f"{name.removeprefix('secret-')} parties, cameras"
+    if name.startswith("secret-"):
+        return f"{name.removeprefix('secret-')} parties, cameras"
+    return TITLES.get(name, name)

@@ -34,16 +34,21 @@ def cast(parties: int) -> tuple[Party, ...]:
     return (robot, *owners, *(Party(f"helper {index + 1}", ()) for index in range(helpers)))
 
 
-def statement(parties: int) -> str:
-    """What is secret, what is opened and who holds what, in words."""
+def statement(parties: int, *, public_weights: bool = False) -> str:
+    """What is secret, what is opened and who holds what, in words; the classifier's weights too, or not."""
     held = {"agent": "its own view, the map with its place and goal, and the right actions"}
     lines = [f"{parties} parties; each sees one share, a uniformly random number, of every secret:"]
     for party in cast(parties):
         things = [held.get(slot, f"camera {slot}") for slot in party.slots if slot != "map"]
         lines.append(f"  - {party.name}: {', '.join(things) or 'shares only'}")
+    of_classifier = "what is computed from them"
+    if not public_weights:
+        of_classifier += ", the classifier's weights and gradients"
     lines += [
-        "secret: every view's features, the map, the right actions, the classifier's weights and gradients",
-        "public: the encoders, the networks' sizes, the order of the batches, how many steps each path has",
-        "opened: in training the loss summed over a chunk of steps; in use the chosen action",
+        f"secret: every view's features, the map, the right actions, {of_classifier}",
+        f"public: the encoders{', the classifier' if public_weights else ''}, the networks' sizes, "
+        "the order of the batches, how many steps each path has",
+        "opened: in training, after every chunk of steps, the sum of its losses and the number of right "
+        "answers in its last batch; in use the chosen action",
     ]
     return "\n".join(lines)

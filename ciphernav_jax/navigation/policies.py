@@ -12,28 +12,24 @@ from ciphernav_jax.navigation.parties import CAMERAS, SLOTS
 from ciphernav_jax.navigation.rollout import Policy
 from ciphernav_jax.secret import reveal, secure, share
 
-# Each use of a fixed-point product may round it the other way, so the largest logit can miss itself
-# by a unit of 2^-20. Actions this close count as equal, and the first of them is taken.
-TIE = 2.0**-14
-
 
 def plain_policy(params: Any, features: Features) -> Policy:
     """Take the action with the largest logit. `features` are those of the environments driven in."""
     every = np.arange(len(features.goal))
-    decide = jax.jit(predict)
+    decide = jax.jit(best_action)
 
     def policy(step, cells, headings):
-        return np.asarray(decide(params, features.slots(every, cells, headings))).argmax(axis=-1)
+        return np.asarray(decide(params, features.slots(every, cells, headings)))
 
     return policy
 
 
 def secret_policy(params: Any, features: Features, key: jax.Array, parties: int) -> Policy:
-    """The same under secret sharing, with secret weights.
+    """The same under secret sharing, with secret or public weights.
 
     The camera owners share their features once, since an environment does not change; the robot shares
-    its view's and its map's at each step. Opened: which action is the best, as five zeros and ones;
-    the logits stay secret, where the paper opens them.
+    its view's and its map's at each step. Opened: the best action alone; the logits stay secret, where the
+    paper opens them.
     """
     every = np.arange(len(features.goal))
     decide = jax.jit(secure(best_action))
@@ -47,16 +43,11 @@ def secret_policy(params: Any, features: Features, key: jax.Array, parties: int)
         robot = features.robot(every, cells, headings)
         shared = share(jax.random.fold_in(robot_key, step), robot, parties=parties)
         choice = decide(jax.random.fold_in(protocol_key, step), params, (*cameras, *shared))
-        return np.asarray(reveal(choice)).argmax(axis=-1)
+        return np.asarray(reveal(choice))
 
     return policy
 
 
 def best_action(params: Any, slots: tuple) -> jax.Array:
-    """float32[n, 5]: 1 for the action with the largest logit and any within `TIE` of it, else 0."""
-    logits = predict(params, slots)
-    best = logits
-    while (pairs := best.shape[1] // 2) > 0:  # a tournament: fewer rounds than one after the other
-        winners = jnp.maximum(best[:, :pairs], best[:, pairs : 2 * pairs])
-        best = jnp.concatenate([winners, best[:, 2 * pairs :]], axis=1)
-    return (logits >= best - TIE).astype(jnp.float32)
+    """int32[n]: the action with the largest logit, the first of equals."""
+    return jnp.argmax(predict(params, slots), axis=-1).astype(jnp.int32)

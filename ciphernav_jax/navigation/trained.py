@@ -140,16 +140,38 @@ def sees(config: dict) -> Method:
     return METHODS.get(config["method"], METHODS["plaintext"])
 
 
-def row(config: dict) -> str:
-    """The name of a training's row in the table."""
-    return f"secret-{config['parties']}" if config["parties"] else config["method"]
-
-
-def drive(dataset: Dataset, config: dict, trained: Trained, seed: int) -> Episodes:
-    """Let a trained classifier drive in every environment; a secret one under secret sharing."""
-    seen = features.standardise(encode(dataset, sees(config), trained), trained.scales)
+def row(config: dict, parties: int | None = None) -> str:
+    """The name of a training's row in the table, driven as in `drive`."""
     if config["parties"]:
-        policy = secret_policy(trained.weights, seen, jax.random.key(seed), config["parties"])
+        return f"secret-{config['parties']}"
+    return f"{config['method']}, public weights, {parties} parties" if parties else config["method"]
+
+
+def drive(
+    dataset: Dataset, config: dict, trained: Trained, seed: int, parties: int | None = None
+) -> Episodes:
+    """Let a trained classifier drive in every environment; a secret one under secret sharing.
+
+    Args:
+        dataset: the environments.
+        config, trained: of the training, as `load` gives them.
+        seed: of the shares and of the dealer.
+        parties: lets a classifier that was trained in plaintext drive under secret sharing: its weights are
+            public, the inputs and what is computed from them secret (the paper's section 3).
+
+    Raises:
+        ValueError: fewer than two parties, or others than the ones that share the weights.
+    """
+    if parties is not None:
+        cast(parties)
+        if config["parties"] not in (None, parties):
+            raise ValueError(
+                f"{config['parties']} parties share these weights, not {parties}; leave --parties out"
+            )
+    parties = config["parties"] or parties
+    seen = features.standardise(encode(dataset, sees(config), trained), trained.scales)
+    if parties:
+        policy = secret_policy(trained.weights, seen, jax.random.key(seed), parties)
     else:
         policy = plain_policy(trained.weights, seen)
     return rollout(dataset, policy, start_headings(dataset, sees(config)))

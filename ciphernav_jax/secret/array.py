@@ -24,23 +24,41 @@ class Secret:
     - Each party's row alone, and any P - 1 rows together, are uniform whatever the value.
     - The value is the signed sum of the rows divided by 2^frac_bits.
     - `dtype` is what `reveal` returns: a float type, or bool or an integer type with frac_bits 0.
+    - `rank` is the number of the value's axes. `vmap` and the outputs of `lax.scan` stack further axes in
+      front of the party axis; `party_first` makes them axes of the value.
 
     Indexing works on the value's axes: `x[0]`, `x[2:5]`, `x[indices]`.
     """
 
     shares: UInt64[Array, "p ..."]
     frac_bits: int = field(metadata={"static": True})
-    dtype: np.dtype = field(default=np.dtype(np.float32), metadata={"static": True})
+    dtype: np.dtype = field(metadata={"static": True})
+    rank: int = field(metadata={"static": True})
+
+    def party_first(self) -> "Secret":
+        """The same secret with the party as leading axis.
+
+        Raises:
+            ValueError: the party axis is gone: a loop went over a `Secret` as if over its entries.
+        """
+        stacked = self.shares.ndim - 1 - self.rank
+        if stacked < 0:
+            raise ValueError(
+                "a Secret has lost its party axis, the leading one: lax.scan, lax.map or vmap went over it. "
+                "Close over the Secret and index it in the loop, x[i], or write secure(jax.vmap(f))."
+            )
+        shares = jnp.moveaxis(self.shares, stacked, 0) if stacked else self.shares
+        return replace(self, shares=shares, rank=self.rank + stacked)
 
     @property
     def parties(self) -> int:
         """P, the number of parties."""
-        return self.shares.shape[0]
+        return self.party_first().shares.shape[0]
 
     @property
     def shape(self) -> tuple[int, ...]:
         """The shape of the value, without the party axis."""
-        return self.shares.shape[1:]
+        return self.party_first().shares.shape[1:]
 
     @property
     def ndim(self) -> int:
@@ -57,7 +75,8 @@ class Secret:
 
     def __getitem__(self, index: Any) -> "Secret":
         index = index if isinstance(index, tuple) else (index,)
-        return replace(self, shares=self.shares[(slice(None), *index)])
+        shares = self.party_first().shares[(slice(None), *index)]
+        return replace(self, shares=shares, rank=shares.ndim - 1)
 
     def __iter__(self):
         return (self[i] for i in range(len(self)))
@@ -123,7 +142,7 @@ def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> S
     else:
         frac_bits = 0
         encoded = jnp.asarray(values).astype(jnp.int64).astype(jnp.uint64)
-    return Secret(sharing.share_ring(key, encoded, parties), frac_bits, dtype)
+    return Secret(sharing.share_ring(key, encoded, parties), frac_bits, dtype, encoded.ndim)
 
 
 def reveal(x: Any) -> Any:
@@ -135,7 +154,7 @@ def reveal(x: Any) -> Any:
 
 
 def _reveal_array(x: Secret) -> Array:
-    total = sharing.join_sum(x.shares)
+    total = sharing.join_sum(x.party_first().shares)
     if jnp.issubdtype(x.dtype, np.floating):
         return ring.decode(total, x.frac_bits, x.dtype)
     return total.astype(jnp.int64).astype(x.dtype)

@@ -234,6 +234,17 @@ def _not(context: Context, x: Value) -> Value:
     return _sub(context, np.array(1), x)
 
 
+@rule("eq")
+def _equal(context: Context, x: Operand, y: Operand) -> Value:
+    return _not(context, _ne(context, x, y))
+
+
+@rule("ne")
+def _ne(context: Context, x: Operand, y: Operand) -> Value:
+    difference = _sub(context, x, y)
+    return difference.positive.add(difference.negated().positive)
+
+
 RULES["gt"] = _greater
 RULES["lt"] = lambda context, x, y: _greater(context, y, x)
 RULES["le"] = lambda context, x, y: _not(context, _greater(context, x, y))

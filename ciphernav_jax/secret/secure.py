@@ -70,6 +70,7 @@ class Secure:
 
     def _evaluate(self, key: Array, args: tuple[Any, ...]) -> Any:
         leaves, tree = jax.tree.flatten(args, is_leaf=_is_secret)
+        leaves = [x.party_first() if isinstance(x, Secret) else x for x in leaves]
         secrets = [x for x in leaves if isinstance(x, Secret)]
         parties = _check_secrets(secrets, self.protocol)
 
@@ -103,7 +104,9 @@ class Secure:
         )
         private, public = iter(private), iter(public)
         results = [
-            next(public) if frac_bits is None else Secret(next(private), frac_bits, np.dtype(out.dtype))
+            next(public)
+            if frac_bits is None
+            else Secret(next(private), frac_bits, np.dtype(out.dtype), out.ndim)
             for frac_bits, out in zip(made, outputs, strict=True)
         ]
         return jax.tree.unflatten(out_tree, results)

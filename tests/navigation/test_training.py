@@ -80,6 +80,8 @@ def test_secret_training_and_driving_follow_plaintext(world, teacher, tmp_path):
         np.testing.assert_allclose(shared, weights, atol=1e-3)
     losses = [[point["loss"] for point in trained.curve(tmp_path / name)] for name in ("plain", "secret")]
     np.testing.assert_allclose(*losses, rtol=1e-2)
+    right = [[point["accuracy"] for point in trained.curve(tmp_path / name)] for name in ("plain", "secret")]
+    np.testing.assert_allclose(*right, atol=100 / FRESH.batch)  # at most one answer differs
 
     few = dataclasses.replace(
         world, **{name: getattr(world, name)[:16] for name in ("cameras", "agent", "layout", "goal")}
@@ -90,6 +92,8 @@ def test_secret_training_and_driving_follow_plaintext(world, teacher, tmp_path):
     opened = plain_policy(cn.reveal(secret.weights), seen)(0, start, heading)
     chosen = secret_policy(secret.weights, seen, jax.random.key(1), 2)(0, start, heading)
     np.testing.assert_array_equal(chosen, opened)
+    public = secret_policy(cn.reveal(secret.weights), seen, jax.random.key(1), 3)(0, start, heading)
+    np.testing.assert_array_equal(public, opened)
 
 
 def test_a_finished_training_is_not_done_twice(world, tmp_path):

@@ -69,6 +69,7 @@ FUNCTIONS = {
     "product with public weights": (lambda x, y, r, w, v: x @ W, 1),
     "product with public data": (lambda x, y, r, w, v: X @ w, 1),
     "product of three": (lambda x, y, r, w, v: (x @ w) @ v, 1 + COLUMN_SUM),
+    "vmap": (lambda x, y, r, w, v: jax.vmap(lambda a, b: (a * b) @ w)(x, y), 1 + np.abs(W).sum(0).max()),
     "einsum": (lambda x, y, r, w, v: jnp.einsum("bi,bj->ij", x, y), 1),
     "batched product": (lambda x, y, r, w, v: jnp.einsum("bi,bi->b", x, y), 1),
     "relu": (lambda x, y, r, w, v: jax.nn.relu(x), 0),
@@ -79,6 +80,8 @@ FUNCTIONS = {
     "less": (lambda x, y, r, w, v: x < y, 0),
     "at most": (lambda x, y, r, w, v: x <= y, 0),
     "at least zero": (lambda x, y, r, w, v: x >= 0, 0),
+    "equal": (lambda x, y, r, w, v: x == y, 0),
+    "not equal": (lambda x, y, r, w, v: x != 1 / 256, 0),
     "both": (lambda x, y, r, w, v: (x > 0) & (y > 0), 0),
     "either, not both": (lambda x, y, r, w, v: ((x > 0) | (y > 0)) & ~((x > 0) & (y > 0)), 0),
     "count": (lambda x, y, r, w, v: jnp.sum((x > y).astype(jnp.float64)), 0),
@@ -101,7 +104,16 @@ FUNCTIONS = {
     "gradient": (lambda x, y, r, w, v: jax.grad(lambda w: jnp.sum((x @ w) ** 2))(w), None),
     "gradient of an mlp": (lambda x, y, r, w, v: jax.grad(loss, argnums=(1, 2))(x, w, v), None),
 }
-VARIANTS = [(2, "probabilistic"), (3, "probabilistic"), (5, "probabilistic"), (2, "local")]
+# A group stays in one process of the test runner, where its functions are compiled once.
+VARIANTS = [
+    pytest.param(parties, truncation, marks=pytest.mark.xdist_group(f"{truncation} {parties}"))
+    for parties, truncation in [
+        (2, "probabilistic"),
+        (3, "probabilistic"),
+        (5, "probabilistic"),
+        (2, "local"),
+    ]
+]
 
 
 @cache
@@ -246,6 +258,28 @@ def test_works_under_jit_and_vmap():
     np.testing.assert_array_equal(jitted.shares, step(keys[0], x).shares)
     np.testing.assert_array_equal(batched.shares[0], jitted.shares)
     assert not np.array_equal(batched.shares[0], batched.shares[1])
+
+
+def test_stacked_secrets_keep_their_parties():
+    """Outputs of vmap and scan stack in front of the party axis: three of each, so a mix-up would show."""
+    x = cn.share(jax.random.key(0), X, parties=3)
+    step = cn.secure(lambda x: 2 * x)
+    keys = jax.random.split(jax.random.key(1), 3)
+    mapped = jax.vmap(step, in_axes=(0, None))(keys, x)
+    _, scanned = jax.lax.scan(lambda _, key: (None, step(key, x)), None, keys)
+    for stacked in (mapped, scanned):
+        assert stacked.parties == 3
+        assert stacked.shape == (3, *X.shape)
+        np.testing.assert_array_equal(cn.reveal(stacked), np.stack([2 * X] * 3))
+        np.testing.assert_array_equal(cn.reveal(stacked[1]), 2 * X)
+        np.testing.assert_array_equal(cn.reveal(step(keys[0], stacked)), np.stack([4 * X] * 3))
+
+
+def test_a_loop_over_the_party_axis_is_refused():
+    x = cn.share(jax.random.key(0), X, parties=3)
+    step = cn.secure(lambda x: 2 * x)
+    with pytest.raises(ValueError, match=r"lost its party axis.*x\[i\]"):
+        jax.lax.map(lambda row: step(jax.random.key(1), row), x)
 
 
 def test_the_key_alone_decides_the_shares():
