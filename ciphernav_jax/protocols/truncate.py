@@ -5,8 +5,9 @@
 | `probabilistic` (default) | below 1 | 0 | never, for |x| < 2^62 | any | x + r, uniform |
 | `local` | below 1 | 0 | with probability |x| / 2^64, by 2^(64 - shift) | 2 | nothing |
 
-A failed local truncation puts a value of the order of the whole ring in place of a small one; with 16-bit
-fixed point and the thousands of products of a training step it happens about once in 10^4 steps.
+A failed local truncation puts a value of the order of the whole ring in place of a small one. With 16
+fractional bits a product of value v fails with probability |v| 2^-32: rare for one, certain over a long
+training. Its bias of 0 is that of the truncations that do not fail.
 """
 
 import jax.numpy as jnp
