@@ -13,7 +13,7 @@ demo: setup
 	.venv/bin/ciphernav demo --out out/demo
 
 test: setup
-	.venv/bin/python -m pytest -n 2 --dist loadgroup
+	.venv/bin/python -m pytest -n 2 --dist loadfile
 
 lint: setup
 	.venv/bin/ruff check .
