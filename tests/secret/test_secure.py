@@ -177,11 +177,11 @@ def training(parameters, velocity, x, y, momentum):
 
 @pytest.mark.parametrize("momentum", [0.0, 0.9])
 def test_secret_training_tracks_float32_training(momentum):
-    """200 steps in one scan. What unbiased rounding may do in them is measured on plain float64 training
-    whose velocity gets noise of two units at every step, as from two truncations: the secret run may stray
-    three times as far as the farthest of eight such runs.
+    """200 steps in one scan. What unbiased rounding may do in them is measured on plain float64 training whose
+    velocity gets noise of two units at every step, as from two truncations: the secret run may stray as far
+    as the farthest of eight such runs.
     """
-    steps, rng = 200, np.random.default_rng(1)
+    steps, rng = 200, np.random.default_rng(2)
 
     def normal(*shape, scale=1.0):
         return rng.normal(0, scale, shape).astype(np.float32)
@@ -226,8 +226,8 @@ def test_secret_training_tracks_float32_training(momentum):
     assert values[-1] < values[0] / 10  # it learns
     (exact, _), _ = plainly(noise(0), *args, dtype=jnp.float64)
     rounded = [plainly(noise(2 * UNIT), *args, dtype=jnp.float64)[0][0] for _ in range(8)]
-    allowed = 3 * max(distance(run, exact) for run in rounded)
-    assert allowed < 0.01  # and a bound this small says something
+    allowed = max(distance(run, exact) for run in rounded)
+    assert allowed < 1e-3  # and a bound this small says something
     assert distance(cn.reveal(secret), plain) < allowed
 
 
