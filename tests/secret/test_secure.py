@@ -177,9 +177,9 @@ def training(parameters, velocity, x, y, momentum):
 
 @pytest.mark.parametrize("momentum", [0.0, 0.9])
 def test_secret_training_tracks_float32_training(momentum):
-    """200 steps in one scan. What unbiased rounding may do in them is measured on plain float64 training whose
-    velocity gets noise of two units at every step, as from two truncations: the secret run may stray as far
-    as the farthest of eight such runs.
+    """200 steps in one scan. What unbiased rounding may do in them is measured on plain float64 training
+    whose velocity gets noise of two units at every step, as from two truncations: the secret run may stray as
+    far as the farthest of eight such runs.
     """
     steps, rng = 200, np.random.default_rng(2)
 
