@@ -8,6 +8,7 @@ The packages in import order; each imports only from those above it.
 - `world`: Obstacle World, its environment, renderer and data set; no secrets here.
 - `models`: the paper's encoders and action classifier.
 - `navigation`: training, plain and secret, and closed-loop evaluation.
+- `cli`: the command line `ciphernav`.
 
 Importing the package registers the gymnasium environment. The names of the public face are imported on
 first use, so that the processes that render Obstacle World never load JAX.

@@ -12,5 +12,4 @@
 - `trained`: training folders, and driving with what they hold.
 - `paper`, `metrics`: counts, accuracies, the table beside the paper's.
 - `progress`, `pictures`, `record`: bars, PNGs, versions and machine.
-- `commands`, `demo`: what the command line runs.
 """

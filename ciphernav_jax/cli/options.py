@@ -1,18 +1,11 @@
-"""The command line: `ciphernav generate | train | evaluate | demo`.
-
-What a command needs is imported when it runs, so that `--help` is quick and the processes that
-render never load JAX.
-"""
+"""What each command can be told; the texts are what `--help` shows."""
 
 import os
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-
-from ciphernav_jax.world.generate import Generate
 
 Method = Literal[
     "map-only", "first-person", "first-person-deterministic", "plaintext", "plaintext-classifier", "secret"
@@ -97,37 +90,3 @@ class Demo:
     """Numbers of parties to train with in secret."""
     workers: int = os.cpu_count() or 1
     """Rendering processes."""
-
-
-def main() -> None:
-    """Parse the command line and run the command."""
-    command = tyro.extras.subcommand_cli_from_dict(
-        {"generate": Generate, "train": Train, "evaluate": Evaluate, "demo": Demo},
-        prog="ciphernav",
-        description="A robot that navigates by other parties' cameras while nobody sees anybody's images.",
-    )
-    try:
-        _run(command)
-    except (ValueError, FileNotFoundError, FileExistsError, RuntimeError) as error:
-        print(f"ciphernav: {error}", file=sys.stderr)
-        sys.exit(1)
-
-
-def _run(command: Generate | Train | Evaluate | Demo) -> None:
-    match command:
-        case Generate():
-            from ciphernav_jax.world import generate
-
-            generate.run(command)
-        case Train():
-            from ciphernav_jax.navigation import commands
-
-            commands.train(command)
-        case Evaluate():
-            from ciphernav_jax.navigation import commands
-
-            commands.evaluate(command)
-        case Demo():
-            from ciphernav_jax.navigation import demo
-
-            demo.run(command)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ciphernav_jax.cli import Evaluate, Train
+from ciphernav_jax.cli.options import Evaluate, Train
 from ciphernav_jax.navigation import metrics, trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.methods import METHODS

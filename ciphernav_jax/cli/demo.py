@@ -14,7 +14,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ciphernav_jax.cli import Demo
+from ciphernav_jax.cli.options import Demo
 from ciphernav_jax.navigation import metrics, pictures, record, trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.parties import cast, statement
