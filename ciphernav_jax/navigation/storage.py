@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 import orbax.checkpoint as ocp
 
 
@@ -79,5 +80,6 @@ class Checkpoints:
                 f"checkpoint {self._folder / str(step)} cannot be read ({type(error).__name__}); "
                 f"remove {self._folder.parent} and train anew"
             ) from error
-        restored = [stored["state"][str(index)] for index in range(len(leaves))]
+        # numpy, as orbax pins its arrays to a device, and a training step would be compiled again for that.
+        restored = [np.asarray(stored["state"][str(index)]) for index in range(len(leaves))]
         return step, jax.tree.unflatten(structure, restored), stored["curve"]
