@@ -85,40 +85,42 @@ class Mask:
 
 
 @dataclass(frozen=True)
-class Product:
+class _OfTwo:
+    """A request for something of two earlier values, which draws nothing of its own."""
+
+    left: Ref
+    right: Ref
+    binary: ClassVar[frozenset[str]] = frozenset()
+
+    @property
+    def draws(self) -> tuple[Shape, ...]:
+        return ()
+
+    def factors(self, earlier: Sequence[Values]) -> tuple[Array, Array]:
+        left, right = (earlier[ref.request][ref.name] for ref in (self.left, self.right))
+        return left, right
+
+
+@dataclass(frozen=True)
+class Product(_OfTwo):
     """The elementwise product, with broadcasting, of two earlier values: {"product": broadcast shape}.
 
     With its two factors it is a Beaver triple (Beaver, CRYPTO 1991).
     """
 
-    left: Ref
-    right: Ref
-    binary: ClassVar[frozenset[str]] = frozenset()
-
-    @property
-    def draws(self) -> tuple[Shape, ...]:
-        return ()
-
     def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
-        left, right = (earlier[ref.request][ref.name] for ref in (self.left, self.right))
+        left, right = self.factors(earlier)
         return {"product": left * right}
 
 
 @dataclass(frozen=True)
-class DotProduct:
+class DotProduct(_OfTwo):
     """`dot_general` of two earlier values modulo 2^64: {"product": its shape}. A Beaver triple of tensors."""
 
-    left: Ref
-    right: Ref
     dimension_numbers: DimensionNumbers
-    binary: ClassVar[frozenset[str]] = frozenset()
-
-    @property
-    def draws(self) -> tuple[Shape, ...]:
-        return ()
 
     def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
-        left, right = (earlier[ref.request][ref.name] for ref in (self.left, self.right))
+        left, right = self.factors(earlier)
         return {"product": ring.dot_general(left, right, self.dimension_numbers)}
 
 

@@ -138,10 +138,9 @@ def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> S
                 f"products stay below {protocol.bound:g} in magnitude. "
                 "Scale the values down, or use fewer fractional bits."
             )
-        encoded = ring.encode(values, frac_bits)
     else:
         frac_bits = 0
-        encoded = jnp.asarray(values).astype(jnp.int64).astype(jnp.uint64)
+    encoded = ring.encode(values, frac_bits)
     return Secret(sharing.share_ring(key, encoded, parties), frac_bits, dtype, encoded.ndim)
 
 

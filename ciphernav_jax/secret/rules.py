@@ -51,13 +51,7 @@ def _to_value(context: Context, x: Operand, frac_bits: int) -> Value:
     if isinstance(x, Value):
         return x
     zero = Value(context, frac_bits, share=jnp.zeros(jnp.shape(x), jnp.uint64))
-    return zero.add_public(_encode(x, frac_bits))
-
-
-def _encode(x: Array | np.ndarray, frac_bits: int) -> Array:
-    if jnp.issubdtype(x.dtype, np.floating):
-        return ring.encode(x, frac_bits)
-    return jnp.asarray(x).astype(jnp.int64).astype(jnp.uint64) << frac_bits
+    return zero.add_public(ring.encode(x, frac_bits))
 
 
 def _is_zero(x: Operand) -> bool:

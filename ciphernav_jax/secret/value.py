@@ -11,7 +11,7 @@ from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array, lax
+from jax import Array
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
@@ -196,7 +196,7 @@ def times_constant(x: Value, constant: np.ndarray) -> Value:
 def times_public(x: Value, public: Array) -> Value:
     """A secret times a public array, with broadcasting. Integers and bools need no truncation."""
     if not jnp.issubdtype(public.dtype, np.floating):
-        return x._new(x.frac_bits, x.share * public.astype(jnp.int64).astype(jnp.uint64))
+        return x._new(x.frac_bits, x.share * ring.encode(public, 0))
     x = x.settled
     bits = x.context.protocol.frac_bits
     return x._new(x.frac_bits + bits, x.share * ring.encode(public, bits))
@@ -217,9 +217,8 @@ def dot_public(
     if isinstance(public, np.ndarray):
         m, e = dyadic(public, bits)
         encoded = jnp.asarray(m.view(np.uint64))
-    elif jnp.issubdtype(public.dtype, np.floating):
-        encoded, e = ring.encode(public, bits), bits
     else:
-        encoded, e = lax.convert_element_type(public.astype(jnp.int64), jnp.uint64), 0
+        e = bits if jnp.issubdtype(public.dtype, np.floating) else 0
+        encoded = ring.encode(public, e)
     left, right = (encoded, x.share) if public_left else (x.share, encoded)
     return x._new(x.frac_bits, ring.dot_general(left, right, dimension_numbers)).scaled(e)
