@@ -15,9 +15,10 @@ from ciphernav_jax.protocols import convert
 from ciphernav_jax.protocols.dealer import Dealer, Dealt, Mask
 from ciphernav_jax.protocols.masked import Masked
 from ciphernav_jax.protocols.multiply import conjunction
-from ciphernav_jax.protocols.party import from_party_zero, open_sum
+from ciphernav_jax.protocols.party import from_party_zero, labelled, open_sum
 
 
+@labelled
 def positive(dealer: Dealer, x: UInt64[Array, "..."]) -> Masked:
     """The bit x > 0 (1 or 0, additively shared) of a signed x.
 

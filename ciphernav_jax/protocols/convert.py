@@ -9,10 +9,11 @@ from ciphernav_jax import ring
 from ciphernav_jax.protocols.dealer import Dealer, Mask, SharedBits
 from ciphernav_jax.protocols.masked import Masked, Term
 from ciphernav_jax.protocols.multiply import conjunction
-from ciphernav_jax.protocols.party import from_party_zero, open_sum, open_xor
+from ciphernav_jax.protocols.party import from_party_zero, labelled, open_sum, open_xor
 from ciphernav_jax.ring import bits
 
 
+@labelled
 def to_ring_bit(dealer: Dealer, word: UInt64[Array, " b"], shape: tuple[int, ...]) -> Masked:
     """A row of bits, 64 to a word, to values 0 or 1 in the ring.
 
@@ -26,6 +27,7 @@ def to_ring_bit(dealer: Dealer, word: UInt64[Array, " b"], shape: tuple[int, ...
     return Masked(t, (Term(1 - (t << 1), shared["bits"], shared.ref("bits")),))
 
 
+@labelled
 def to_ring(dealer: Dealer, words: UInt64[Array, "64 b"], shape: tuple[int, ...]) -> UInt64[Array, "..."]:
     """All 64 bits of the values, sliced and shared by exclusive or, to additive shares of the values.
 
@@ -39,6 +41,7 @@ def to_ring(dealer: Dealer, words: UInt64[Array, "64 b"], shape: tuple[int, ...]
     return jnp.sum(value * weights, axis=0, dtype=jnp.uint64)
 
 
+@labelled
 def to_bits(dealer: Dealer, x: UInt64[Array, "..."]) -> UInt64[Array, "64 b"]:
     """Additive shares of the values to their 64 bits, sliced and shared by exclusive or.
 

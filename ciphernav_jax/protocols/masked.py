@@ -12,7 +12,7 @@ from jax import Array
 from jaxtyping import UInt64
 
 from ciphernav_jax.protocols.dealer import Dealer, Mask, Ref
-from ciphernav_jax.protocols.party import from_party_zero, open_sum
+from ciphernav_jax.protocols.party import from_party_zero, labelled, open_sum
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class Masked:
         return total
 
 
+@labelled
 def open_masked(dealer: Dealer, x: UInt64[Array, "..."]) -> Masked:
     """Opens x under a fresh uniform mask.
 

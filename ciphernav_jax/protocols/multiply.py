@@ -13,10 +13,11 @@ from jaxtyping import UInt64
 from ciphernav_jax import ring
 from ciphernav_jax.protocols.dealer import AndTriple, Dealer, DotProduct, Product
 from ciphernav_jax.protocols.masked import Masked
-from ciphernav_jax.protocols.party import from_party_zero, open_xor
+from ciphernav_jax.protocols.party import from_party_zero, labelled, open_xor
 from ciphernav_jax.ring.linear import DimensionNumbers
 
 
+@labelled
 def multiply(dealer: Dealer, x: Masked, y: Masked) -> UInt64[Array, "..."]:
     """The elementwise product, with broadcasting: this party's share of x y.
 
@@ -39,6 +40,7 @@ def multiply(dealer: Dealer, x: Masked, y: Masked) -> UInt64[Array, "..."]:
     return total
 
 
+@labelled
 def square(dealer: Dealer, x: Masked) -> UInt64[Array, "..."]:
     """The elementwise square [x^2] = e^2 + 2 e [a] + [a^2], for x under one mask; otherwise as `multiply`."""
     (term,) = x.terms
@@ -46,6 +48,7 @@ def square(dealer: Dealer, x: Masked) -> UInt64[Array, "..."]:
     return from_party_zero(x.public * x.public) + (x.public << 1) * term.share + squared
 
 
+@labelled
 def dot_general(
     dealer: Dealer, x: Masked, y: Masked, dimension_numbers: DimensionNumbers
 ) -> UInt64[Array, "..."]:
@@ -66,6 +69,7 @@ def dot_general(
     )
 
 
+@labelled
 def conjunction(
     dealer: Dealer, x: UInt64[Array, "..."], ys: UInt64[Array, "k ..."]
 ) -> UInt64[Array, "k ..."]:

@@ -2,15 +2,16 @@
 
 A *program* is what one party does: `program(private, public) -> (private, public)`, where `private` is a
 pytree of that party's own inputs in the plain shape of the values, and `public` is known to all. The
-collectives `open_sum` and `open_xor` are its only way to reach the other parties. Whatever else it does is
-local, so the collectives in a program's jaxpr are all that passes between parties: the transcript, the
-rounds, the bytes.
+collectives `open_sum`, `open_xor` and `open_shares` are its only way to reach the other parties. Whatever
+else it does is local, so the collectives in a program's jaxpr are all that passes between parties: the
+transcript, the rounds, the bytes.
 
 Who runs the program is chosen outside:
 - `simulate`: `jax.vmap` over a leading party axis; all parties in one XLA program.
 - `deploy`: `jax.shard_map` over a mesh axis; one device, or one process, for each party.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -25,18 +26,47 @@ AXIS = "party"
 Program = Callable[[Any, Any], tuple[Any, Any]]
 
 
+def labelled(program: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorates a protocol: what it sends is counted under its name (`jax.named_scope`)."""
+
+    @functools.wraps(program)
+    def under_its_name(*args, **kwargs):
+        with jax.named_scope(f"protocol:{program.__name__}"):
+            return program(*args, **kwargs)
+
+    return under_its_name
+
+
 def open_sum(x: UInt64[Array, "..."]) -> UInt64[Array, "..."]:
     """Opens an additively shared value: every party sends its share to all others, and all add them up.
 
     [x] -> x = x_0 + ... + x_{P-1} mod 2^64. One round; each party sends 8 bytes an entry to each other party.
     Every party learns x (and the shares, which are uniform but for their sum).
     """
-    return lax.psum(x, AXIS)
+    with jax.named_scope("open_sum"):
+        return lax.psum(x, AXIS)
 
 
 def open_xor(x: UInt64[Array, "..."]) -> UInt64[Array, "..."]:
     """Opens words shared by exclusive or: x = x_0 ^ ... ^ x_{P-1}. One round, otherwise as `open_sum`."""
-    return lax.reduce_xor(lax.all_gather(x, AXIS), axes=(0,))
+    with jax.named_scope("open_xor"):
+        return lax.reduce_xor(lax.all_gather(x, AXIS), axes=(0,))
+
+
+def open_shares(x: UInt64[Array, "..."]) -> UInt64[Array, "p ..."]:
+    """Opens every party's own number to all others, the party as leading axis. One round, otherwise as
+    `open_sum`.
+    """
+    with jax.named_scope("open_shares"):
+        return lax.all_gather(x, AXIS)
+
+
+def ideal_sum(x: UInt64[Array, "..."]) -> UInt64[Array, "..."]:
+    """What a trusted third party would learn from all shares. **Not a message, and not a protocol**: it
+    stands in the *ideal* variants alone, which show what a function gives without the cost of its protocol.
+    """
+    with jax.named_scope("ideal_sum"):
+        return lax.psum(x, AXIS)
 
 
 def from_party_zero(public: UInt64[Array, "..."]) -> UInt64[Array, "..."]:

@@ -9,7 +9,7 @@ from ciphernav_jax.protocols import compare, truncate
 from ciphernav_jax.protocols.dealer import Dealer, Mask
 from ciphernav_jax.protocols.masked import Masked
 from ciphernav_jax.protocols.multiply import multiply
-from ciphernav_jax.protocols.party import open_sum
+from ciphernav_jax.protocols.party import labelled, open_sum
 
 
 class Relu(NamedTuple):
@@ -19,6 +19,7 @@ class Relu(NamedTuple):
     positive: Masked
 
 
+@labelled
 def relu(dealer: Dealer, x: UInt64[Array, "..."], shift: int = 0) -> Relu:
     """max(x, 0) / 2^shift and the bit x > 0, from one opening of x.
 

@@ -16,12 +16,13 @@ from jaxtyping import UInt64
 
 from ciphernav_jax.protocols.dealer import Dealer, Dealt, Mask
 from ciphernav_jax.protocols.masked import Masked, Term
-from ciphernav_jax.protocols.party import AXIS, open_sum
+from ciphernav_jax.protocols.party import AXIS, labelled, open_sum
 
 # Added before opening, so that a signed x in [-2^62, 2^62) becomes an unsigned one below 2^63.
 OFFSET_BITS = 62
 
 
+@labelled
 def probabilistic(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> Masked:
     """Unbiased truncation: floor or ceiling of x / 2^shift, with the right probabilities.
 
@@ -68,6 +69,7 @@ def from_opening(c: UInt64[Array, "..."], mask: Dealt, shift: int) -> Masked:
     )
 
 
+@labelled
 def local(x: UInt64[Array, "..."], shift: int) -> UInt64[Array, "..."]:
     """Each of two parties shifts its own share: party 0 takes x_0 >> shift, party 1 takes -((-x_1) >> shift).
 

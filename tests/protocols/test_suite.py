@@ -23,7 +23,7 @@ def test_fractional_bits_without_room_for_products_raise(frac_bits):
 
 def test_an_unknown_variant_raises_and_names_the_known_ones():
     with pytest.raises(ValueError, match="probabilistic, local"):
-        Protocol(truncation="nearest")  # pyright: ignore[reportArgumentType]
+        Protocol(truncation="exact")  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("frac_bits", [1, 16, 20, 30])
