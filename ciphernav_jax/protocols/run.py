@@ -12,6 +12,7 @@ from jax.sharding import Mesh
 
 from ciphernav_jax.protocols import party
 from ciphernav_jax.protocols.dealer import Dealer, Plan, Planner, Supply, deal
+from ciphernav_jax.protocols.suite import Generator
 
 DealtProgram = Callable[[Dealer, Any, Any], tuple[Any, Any]]
 
@@ -28,7 +29,13 @@ def plan(program: DealtProgram, parties: int, private: Any, public: Any) -> Plan
 
 
 def run(
-    program: DealtProgram, key: Array, parties: int, private: Any, public: Any, mesh: Mesh | None = None
+    program: DealtProgram,
+    key: Array,
+    parties: int,
+    private: Any,
+    public: Any,
+    mesh: Mesh | None = None,
+    generator: Generator = "threefry",
 ) -> tuple[Any, Any]:
     """Plans, deals and runs a program: by simulation, or with one device a party where `mesh` is given.
 
@@ -38,6 +45,8 @@ def run(
         parties: P >= 2.
         private: pytree of arrays with the party as leading axis.
         public: pytree of arrays that all parties know.
+        mesh: one device for each party; None for a simulation.
+        generator: where the dealer's uniform words come from.
 
     Returns:
         The private outputs, with the party as leading axis, and the public ones.
@@ -45,7 +54,7 @@ def run(
     if mesh is not None and mesh.size != parties:
         raise ValueError(f"the mesh has {mesh.size} devices, but the shares belong to {parties} parties")
     needed = plan(program, parties, private, public)
-    supply = deal(key, needed, parties)
+    supply = deal(key, needed, parties, generator)
 
     def online(private, public):
         mine, private = private

@@ -22,7 +22,9 @@ from ciphernav_jax.ring.fixed_point import require_x64
 PIECE = 1 << 17
 
 
-def draw(key: Array, shapes: Sequence[tuple[int, ...]]) -> list[UInt64[Array, "..."]]:
+def draw(
+    key: Array, shapes: Sequence[tuple[int, ...]], generator: str = "threefry"
+) -> list[UInt64[Array, "..."]]:
     """Independent uniform uint64 arrays of the given shapes, cut in order from one stream of words.
 
     The stream is made in a `scan`. XLA compiles the generator once for it however many arrays there are, and

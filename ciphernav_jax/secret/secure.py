@@ -98,6 +98,7 @@ class Secure:
             [x.shares for x in secrets],
             [x for x in leaves if not isinstance(x, Secret)],
             self.mesh,
+            self.protocol.generator,
         )
         private, public = iter(private), iter(public)
         results = [
@@ -146,6 +147,11 @@ def deploy(step: Secure, mesh: Mesh) -> Secure:
         is computed from `key` by every process, which stands in for a dealer that hands each party its own: a
         test of the program on real messages, not yet a deployment among parties that distrust one another.
     """
+    if step.protocol.ideal:
+        raise ValueError(
+            f"an ideal variant is no protocol that parties could carry out ({step.protocol}). "
+            "Deploy a step with real variants."
+        )
     return replace(step, mesh=mesh)
 
 
