@@ -293,7 +293,7 @@ def _argmax(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> V
 
 
 def _pairwise(context: Context, x: Value) -> Value:
-    """Every pair is compared at once; the entry that wins n - 1 times is the largest: two comparisons deep."""
+    """Every pair is compared at once; who wins n - 1 times is the largest: two comparisons deep."""
     n = x.shape[-1]
     low, high = np.triu_indices(n, 1)
     later_wins = Value(context, x.frac_bits, share=x.share[..., high] - x.share[..., low]).positive

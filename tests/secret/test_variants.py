@@ -1,7 +1,8 @@
 """Every combination of variants computes what the function says, within bounds derived from its truncations.
 
-The plain run takes every truncation with every comparison and adder, and each of those with every number of
-parties. `pytest --every-combination` takes the whole product of all variants with P in {2, 3, 5, 8, 16}.
+The parts are tested for every number of parties where they live (tests/protocols). Here the plain run takes
+every comparison and adder with some truncation, and every truncation with every number of parties; `pytest
+--every-combination` takes the whole product, with P in {2, 3, 5, 8, 16}.
 """
 
 import itertools
@@ -26,19 +27,32 @@ ROWS, INNER, COLUMNS = 3, 4, 5
 
 
 def combinations(every: bool):
-    """Protocols with numbers of parties; all that exist, or enough for all pairs."""
-    cycle = itertools.count()
-    for truncation, (comparison, adder) in itertools.product(TRUNCATIONS, SIGNS):
-        for multiplication in get_args(suite.Multiplication) if every else ["beaver"]:
-            parties = [2] if truncation == "local" else PARTIES
-            for p in parties if every else [parties[next(cycle) % len(parties)]]:
-                # The ripple adder's rounds are counted elsewhere; here it needs but few.
-                range_bits = 4 if adder == "ripple" else None
-                frac_bits = 6 if adder == "ripple" else 20
-                yield suite.Protocol(frac_bits, multiplication, truncation, comparison, adder, range_bits), p
-    for truncation, p in itertools.product(TRUNCATIONS, PARTIES):
+    """Protocols with numbers of parties: all that exist, or each variant with each number of parties or with
+    each other kind of variant.
+    """
+    if every:
+        for truncation, sign, multiplication, p in itertools.product(
+            TRUNCATIONS, SIGNS, get_args(suite.Multiplication), PARTIES
+        ):
+            if truncation != "local" or p == 2:
+                yield combined(truncation, sign, multiplication), p
+        return
+    for n, sign in enumerate(SIGNS):
+        truncation = TRUNCATIONS[n % len(TRUNCATIONS)]
+        yield combined(truncation, sign), 2 if truncation == "local" else PARTIES[n % len(PARTIES)]
+    for n, (truncation, p) in enumerate(itertools.product(TRUNCATIONS, PARTIES)):
         if truncation != "local" or p == 2:
-            yield suite.Protocol(truncation=truncation, multiplication="ideal", generator="chacha20"), p
+            multiplication = "ideal" if n % 3 == 0 else "beaver"
+            yield combined(truncation, ("masked", "carry-tree"), multiplication, "chacha20"), p
+
+
+def combined(truncation, sign, multiplication="beaver", generator="threefry") -> cn.Protocol:
+    comparison, adder = sign
+    # The ripple adder takes a round a bit: here it gets few.
+    frac_bits, range_bits = (6, 4) if adder == "ripple" else (20, None)
+    return cn.Protocol(
+        frac_bits, multiplication, truncation, comparison, adder, range_bits, generator=generator
+    )
 
 
 def pytest_generate_tests(metafunc):
