@@ -187,7 +187,8 @@ class Cost:
     def summary(self) -> str:
         """The totals in a few lines."""
         lines = [
-            f"Each of {self.parties} parties: {self.rounds} rounds{' or more' * self.unbounded}, "
+            f"Each of {self.parties} parties: {self.rounds} round{'s' * (self.rounds != 1)}"
+            f"{' or more' * self.unbounded}, "
             f"{_size(self.bytes_sent)} sent; before that, {_size(self.bytes_dealt)} from the dealer.",
             "Projected, without computation: "
             + ", ".join(f"{_time(self.seconds(network))} on {network.name}" for network in (LAN, WAN))
