@@ -29,12 +29,17 @@ else:
     os.environ["JAX_ENABLE_X64"] = "1"
 
 _HOME = {
+    "LAN": "secret",
+    "Network": "secret",
     "Protocol": "protocols",
     "Secret": "secret",
+    "WAN": "secret",
+    "cost": "secret",
     "deploy": "secret",
     "reveal": "secret",
     "secure": "secret",
     "share": "secret",
+    "transcript": "secret",
 }
 _PACKAGES = ("ring", "protocols", "secret", "models", "navigation")
 

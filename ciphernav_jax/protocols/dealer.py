@@ -304,6 +304,17 @@ class Supply:
         return Dealt(i, self.shares[i])
 
 
+def drawn(plan: Plan, parties: int) -> list[Shape]:
+    """The shapes of all the uniform words that `deal` draws, in its order: for each request those it starts
+    from, then P - 1 shares of each value that is not split already.
+    """
+    shapes: list[Shape] = []
+    for request, values in zip(plan.requests, plan.shapes, strict=True):
+        to_share = (shape for name, shape in values.items() if name not in request.split)
+        shapes += [*request.draws, *((parties - 1, *shape) for shape in to_share)]
+    return shapes
+
+
 def deal(
     key: Array, plan: Plan, parties: int, generator: Generator = "threefry"
 ) -> list[dict[str, UInt64[Array, "p ..."]]]:
@@ -316,11 +327,7 @@ def deal(
         For each request a dict of uint64 arrays with the party as leading axis.
     """
     sharing.require_parties(parties)
-    shapes: list[Shape] = []
-    for request, values in zip(plan.requests, plan.shapes, strict=True):
-        to_share = (shape for name, shape in values.items() if name not in request.split)
-        shapes += [*request.draws, *((parties - 1, *shape) for shape in to_share)]
-    uniform = iter(ring.draw(key, shapes, generator))
+    uniform = iter(ring.draw(key, drawn(plan, parties), generator))
 
     def split(request: Request, name: str, value: Array) -> Array:
         if name in request.split:

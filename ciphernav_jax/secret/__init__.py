@@ -4,9 +4,25 @@
 - `value`: a party's share inside a program, with pending truncations and what was computed from it.
 - `rules`: one rule for each primitive.
 - `secure`: the jaxpr evaluator; `secure` and `deploy`.
+- `cost`: rounds, bytes and correlated randomness of a function, from its trace.
+- `transcript`: every message of a call.
 """
 
 from ciphernav_jax.secret.array import Secret, reveal, share
+from ciphernav_jax.secret.cost import LAN, WAN, Cost, Network, cost
 from ciphernav_jax.secret.secure import deploy, secure
+from ciphernav_jax.secret.transcript import transcript
 
-__all__ = ["Secret", "deploy", "reveal", "secure", "share"]
+__all__ = [
+    "LAN",
+    "WAN",
+    "Cost",
+    "Network",
+    "Secret",
+    "cost",
+    "deploy",
+    "reveal",
+    "secure",
+    "share",
+    "transcript",
+]
