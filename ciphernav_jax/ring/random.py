@@ -2,9 +2,9 @@
 
 Both encrypt the numbers 0, 1, 2, ... under the key: the words are reproducible, the same on every backend.
 
-- **threefry**: Threefry-2x32 with 20 rounds under a 64-bit key, the cipher of JAX's own keys. It passes all
-  tests of statistics, but is **not** a vetted cryptographic generator.
-- **chacha20**: the stream cipher of RFC 8439, ten times slower. Its 256-bit key is the key's data followed by
+- **threefry**: Threefry-2x32 with 20 rounds under a 64-bit key, to which a longer one is hashed; the cipher of
+  JAX's own keys. It passes BigCrush, but is **not** a vetted cryptographic generator.
+- **chacha20**: the stream cipher of RFC 8439, some eight times slower. Its 256-bit key is the key's data followed by
   zeros: no stronger than that data, which is 64 bits in JAX's default keys and 128 bits in `rbg` keys.
 
 A simulation needs uniform, independent words, and either gives them. A deployment needs a dealer with a
@@ -61,24 +61,36 @@ def draw(
     sizes = [math.prod(shape) for shape in shapes]
     if sum(sizes) > MAX_WORDS:
         raise ValueError(f"cannot draw {sum(sizes)} words from one key: at most 2^32. Split the key.")
-    words = _STREAMS[generator](list(data), sum(sizes))
+    rows = _STREAMS[generator](list(data), sum(sizes))
     starts = itertools.accumulate(sizes, initial=0)
     return [
-        lax.slice(words, (start,), (start + size,)).reshape(shape)
+        _cut(rows, start, start + size).reshape(shape)
         for start, size, shape in zip(starts, sizes, shapes, strict=False)
     ]
 
 
-def _threefry(key: list[Array], count: int) -> UInt64[Array, " count"]:
+def _cut(rows: list[UInt64[Array, " n"]], start: int, stop: int) -> UInt64[Array, " stop-start"]:
+    """The words from start to stop of rows laid end to end. Few arrays span two rows; the rest are slices."""
+    n = rows[0].size
+    parts = [
+        lax.slice(row, (max(start - i * n, 0),), (min(stop - i * n, n),))
+        for i, row in enumerate(rows)
+        if start < (i + 1) * n and stop > i * n
+    ]
+    return jnp.concatenate(parts or [jnp.zeros(0, jnp.uint64)])
+
+
+def _threefry(key: list[Array], count: int) -> list[UInt64[Array, " count"]]:
+    """One row of words."""
     if len(key) == 4:
         key = list(threefry.block(key[:2], key[2:]))
     # The counter starts at 2^63. `jax.random` derives keys and bits from the same block function with small
     # counters: from 0, the first word drawn from a key would be the key that split or fold_in makes of it.
-    (words,) = _kept(lambda i: [threefry.block(key, (i, np.uint32(1 << 31)))], count)
-    return words
+    return _kept(lambda i: [threefry.block(key, (i, jnp.uint32(1 << 31)))], count)
 
 
-def _chacha20(key: list[Array], count: int) -> UInt64[Array, " count"]:
+def _chacha20(key: list[Array], count: int) -> list[UInt64[Array, " n"]]:
+    """Eight rows: the first words of all blocks, then the second words, and so on. To interleave is slow."""
     zero = jnp.uint32(0)
     key = key + [zero] * (8 - len(key))
 
@@ -86,11 +98,13 @@ def _chacha20(key: list[Array], count: int) -> UInt64[Array, " count"]:
         words = chacha.block(key, (i, zero, zero, zero))
         return list(zip(words[0::2], words[1::2], strict=True))
 
-    # The first words of all blocks, then the second words, and so on: to interleave them is slow.
-    return jnp.concatenate(_kept(pairs, -(-count // 8)))[:count]
+    return _kept(pairs, -(-count // 8))
 
 
-_STREAMS: dict[str, Callable[[list[Array], int], Array]] = {"threefry": _threefry, "chacha20": _chacha20}
+_STREAMS: dict[str, Callable[[list[Array], int], list[Array]]] = {
+    "threefry": _threefry,
+    "chacha20": _chacha20,
+}
 
 
 def _kept(pairs: Callable[[Array], list[Halves]], count: int) -> list[UInt64[Array, " count"]]:
