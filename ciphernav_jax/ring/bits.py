@@ -31,7 +31,7 @@ def _transpose(x: UInt64[Array, "64 b"]) -> UInt64[Array, "64 b"]:
     Six rounds of exchanging blocks (Warren, Hacker's Delight, 7-3). Each round pairs the words i and
     i + 32 and then interleaves the halves, which rotates the bits of the index; after six rounds every
     word is back in its place. All rounds are alike, so they run in one `scan`, whose steps XLA does not
-    compute twice. A selection interleaves the halves: a `stack` in its place takes XLA three times as long.
+    compute twice. A selection interleaves the halves: a `stack` in its place takes XLA twice as long.
     """
     distance = [32, 16, 8, 4, 2, 1]
     low_half = [sum(1 << i for i in range(WORD) if not i & d) for d in distance]

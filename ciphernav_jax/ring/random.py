@@ -2,10 +2,10 @@
 
 Both encrypt the numbers 0, 1, 2, ... under the key: the words are reproducible, the same on every backend.
 
-- **threefry**: Threefry-2x32 with 20 rounds under a 64-bit key, to which a longer one is hashed; the cipher of
-  JAX's own keys. It passes BigCrush, but is **not** a vetted cryptographic generator.
-- **chacha20**: the stream cipher of RFC 8439, some eight times slower. Its 256-bit key is the key's data followed by
-  zeros: no stronger than that data, which is 64 bits in JAX's default keys and 128 bits in `rbg` keys.
+- **threefry**: Threefry-2x32 with 20 rounds under a 64-bit key, to which a longer one is hashed; the cipher
+  of JAX's own keys. It passes BigCrush, but is **not** a vetted cryptographic generator.
+- **chacha20**: the stream cipher of RFC 8439, five to seven times slower. Its 256-bit key is the key's data
+  followed by zeros: no stronger than that data, 64 bits in JAX's default keys and 128 in `rbg` keys.
 
 A simulation needs uniform, independent words, and either gives them. A deployment needs a dealer with a
 cipher and a secret key of at least 128 bits, made by the operating system and not by a seed.
