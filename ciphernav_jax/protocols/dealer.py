@@ -22,9 +22,9 @@ from jaxtyping import UInt64
 
 from ciphernav_jax import ring
 from ciphernav_jax.protocols import sharing
-from ciphernav_jax.protocols.suite import Generator
 from ciphernav_jax.ring import bits
 from ciphernav_jax.ring.linear import DimensionNumbers
+from ciphernav_jax.ring.random import Generator
 
 Shape = tuple[int, ...]
 Values = dict[str, Array]

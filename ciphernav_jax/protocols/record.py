@@ -15,7 +15,7 @@ from ciphernav_jax.protocols.dealer import deal
 from ciphernav_jax.protocols.jaxprs import names, opened_up, wrapped
 from ciphernav_jax.protocols.messages import Opening, collective, openings, openings_within
 from ciphernav_jax.protocols.run import DealtProgram, one_partys_jaxpr, online, plan
-from ciphernav_jax.protocols.suite import Generator
+from ciphernav_jax.ring.random import Generator
 
 Recorded = tuple[list[Any], list[Array], list[Array]]  # results, sent, opened
 

@@ -12,7 +12,7 @@ from jax.sharding import Mesh
 
 from ciphernav_jax.protocols import party
 from ciphernav_jax.protocols.dealer import Dealer, Plan, Planner, Supply, deal
-from ciphernav_jax.protocols.suite import Generator
+from ciphernav_jax.ring.random import Generator
 
 DealtProgram = Callable[[Dealer, Any, Any], tuple[Any, Any]]
 
