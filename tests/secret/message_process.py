@@ -187,7 +187,7 @@ def run_as(rank, link):
 
     def run(program, key, parties, private, public, mesh, generator):
         needed = plan(program, parties, private, public)
-        supply = jax.jit(partial(deal, plan=needed, parties=parties))(key)
+        supply = jax.jit(partial(deal, plan=needed, parties=parties, generator=generator))(key)
         private = supply, private
         jaxpr, shapes = one_partys_jaxpr(online(program, needed), parties, private, public)
         own = jax.tree.map(lambda x: np.asarray(x)[rank], private)

@@ -1,6 +1,7 @@
 """What a call costs: against formulas derived by hand, and against messages that two processes exchange."""
 
 import json
+import math
 import os
 import socket
 import subprocess
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 import ciphernav_jax as cn
+from ciphernav_jax import ring
 from ciphernav_jax.protocols.messages import Opening
 from ciphernav_jax.secret.cost import Cost
 
@@ -51,7 +53,7 @@ def relu_dealt(n, shift):
     """
     truncated = n * 2 if shift else 0
     products = n * (2 if shift else 1)
-    return n + truncated + columns(n) * (64 + 32 + 5 * (16 + 8 + 4 + 2) + 3 + 1) + n + products
+    return n + truncated + columns(n) * (64 + 31 + 5 * (16 + 8 + 4 + 2) + 3 + 1) + n + products
 
 
 @pytest.mark.parametrize("parties", [2, 3, 8])
@@ -231,3 +233,19 @@ def test_two_processes_compute_the_simulation_s_shares(name, exchanged):
         for rank in range(PARTIES):
             own = np.load(exchanged / f"{name}{rank}.npz")[f"arr_{i}"]
             np.testing.assert_array_equal(own, shares[rank : rank + 1])
+
+
+@pytest.mark.parametrize("truncation", ["probabilistic", "nearest", "wrap-count"])
+def test_the_dealer_draws_the_words_that_are_counted(truncation, monkeypatch):
+    """Also where a request gives shares as they are, which nobody splits."""
+    protocol = cn.Protocol(truncation=truncation)
+    x = jax.eval_shape(partial(cn.share, parties=3, protocol=protocol), jax.random.key(0), np.ones(5))
+    drawn = []
+    draw = ring.draw
+
+    def noted(key, shapes, generator="threefry"):
+        drawn.append(sum(map(math.prod, shapes)))
+        return draw(key, shapes, generator)
+
+    monkeypatch.setattr(ring, "draw", noted)
+    assert cn.cost(cn.secure(lambda x: x * x, protocol=protocol), x).uniform_words == drawn[-1]

@@ -47,6 +47,7 @@ class BiasedMask:
 
     shape: tuple[int, ...]
     binary: ClassVar[frozenset[str]] = frozenset()
+    split: ClassVar[frozenset[str]] = frozenset()
 
     @property
     def draws(self):
