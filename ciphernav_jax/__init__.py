@@ -11,9 +11,9 @@ The packages in import order; each imports only from those above it.
 - `experiments`: measurements: speed, beside what the machine can do and beside other frameworks.
 - `cli`: the command line `ciphernav`.
 
-Importing the package registers the gymnasium environment, switches JAX's 64-bit types on and gives JAX a folder
-for its compilation cache (`compilation_cache`). The names of the public face are imported on
-first use, so that the processes that render Obstacle World never load JAX.
+Importing the package registers the gymnasium environment, switches JAX's 64-bit types on and gives JAX a
+folder for its compilation cache (`compilation_cache`). The names of the public face are imported on first
+use, so that the processes that render Obstacle World never load JAX.
 """
 
 import importlib

@@ -25,13 +25,16 @@ def switch_on() -> None:
 
 
 def default_folder() -> Path | None:
-    """Where the cache belongs; None where nothing can be written there. The folder is not made: JAX does it."""
+    """The cache's folder, made if need be; None where nothing can be written."""
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     folder = Path(home) / "ciphernav_jax" / f"xla-{_processor()}"
-    if not folder.is_absolute():
+    if not folder.is_absolute():  # the XDG specification: a relative path counts as not set
         return None
-    existing = next(parent for parent in (folder, *folder.parents) if parent.exists())
-    return folder if existing.is_dir() and os.access(existing, os.W_OK | os.X_OK) else None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:  # a read-only home; JAX would complain at every compilation
+        return None
+    return folder if os.access(folder, os.W_OK) else None
 
 
 def _processor() -> str:

@@ -44,7 +44,9 @@ class Order:
     @staticmethod
     def from_json(order: dict) -> "Order":
         protocol = Protocol(**order["protocol"])
-        sizes = {n: tuple(v) if isinstance(v, list) else v for n, v in order["sizes"].items()}
+        sizes: dict[str, Any] = {
+            name: tuple(size) if isinstance(size, list) else size for name, size in order["sizes"].items()
+        }
         return Order(**order | {"protocol": protocol, "sizes": Sizes(**sizes)})
 
 

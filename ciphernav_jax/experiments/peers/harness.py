@@ -41,7 +41,7 @@ def job() -> Job:
 
 def save(path: str, seconds: list, outputs: list) -> None:
     """The seconds of each call, and the outputs of one in the order of JAX's pytrees."""
-    named = {f"output{i}": np.asarray(output, np.float64) for i, output in enumerate(outputs)}
+    named: dict = {f"output{i}": np.asarray(output, np.float64) for i, output in enumerate(outputs)}
     np.savez(path, seconds=np.asarray(seconds), **named)
 
 

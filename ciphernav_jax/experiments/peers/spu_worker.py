@@ -67,7 +67,8 @@ def main():
     for rank in range(JOB.parties):
         description.add_party(f"id_{rank}", f"thread_{rank}")
     barrier = threading.Barrier(JOB.parties)
-    seconds, outputs = [], [None] * JOB.parties
+    seconds: list = []
+    outputs: list = [None] * JOB.parties
 
     def party(rank):
         runtime = api.Runtime(libspu.link.create_mem(description, rank), config)
