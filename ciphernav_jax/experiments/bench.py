@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -153,7 +153,7 @@ def run(
 def _measured(order: Order, rates: dict[str, float]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as cache:
         result = _in_a_process(order, cache)
-        again = _in_a_process(Order(**vars(order) | {"compile_only": True}), cache)
+        again = _in_a_process(replace(order, compile_only=True), cache)
     least = floor.seconds(result["needs"], rates)
     return {
         "work": order.work,

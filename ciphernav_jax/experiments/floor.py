@@ -56,9 +56,10 @@ def seconds(needed: dict[str, int], rate: dict[str, float]) -> float:
 
 def _drawn(eqn: JaxprEqn) -> int:
     # The one equation of `ring.draw`: a stream of words with a batching rule of its own.
-    (out,) = eqn.outvars if len(eqn.outvars) == 1 else (None,)
-    is_stream = eqn.primitive.name == "custom_vmap_call" and out is not None and out.aval.ndim == 1
-    return out.aval.size if is_stream and out.aval.dtype == jnp.uint64 else 0  # pyright: ignore
+    if eqn.primitive.name != "custom_vmap_call":
+        return 0
+    streams: list[Any] = [out.aval for out in eqn.outvars]
+    return sum(stream.size for stream in streams if stream.ndim == 1 and stream.dtype == jnp.uint64)
 
 
 def _equations(jaxpr: Jaxpr) -> Iterator[JaxprEqn]:

@@ -23,6 +23,8 @@ from ciphernav_jax.secret import reveal, share
 # Calls are repeated until they fill this many seconds, at least 5 times and at most 200.
 SECONDS = 3.0
 
+MAXRSS_UNIT = 1 if sys.platform == "darwin" else 1024
+
 
 @dataclass(frozen=True)
 class Order:
@@ -85,7 +87,7 @@ def measure(order: Order) -> dict[str, Any]:
             break
     return result | {
         "seconds": summary([t / work.steps for t in times]),
-        "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * MAXRSS_UNIT,
         "error": error(reveal(found), work.expected()),
         "needs": floor.needs(work, order.protocol, order.parties, args),
     }

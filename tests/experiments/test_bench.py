@@ -3,12 +3,14 @@ import os
 import sys
 import time
 from dataclasses import replace
+from typing import get_args
 
 import jax
 import numpy as np
 import pytest
 from rich.console import Console
 
+from ciphernav_jax.cli.options import WorkName
 from ciphernav_jax.experiments import bench, floor, peers, variants
 from ciphernav_jax.experiments.measure import Order, measure, summary
 from ciphernav_jax.experiments.peers import harness
@@ -22,6 +24,7 @@ UNIT = 2.0**-20
 
 def test_the_works_are_the_papers():
     known = works()
+    assert tuple(known) == get_args(WorkName)
     weights, features, labels = known["train"].args
     assert sum(kernel.size + bias.size for kernel, bias in weights) == 46_373
     assert (features.shape, labels.shape) == ((500, 288), (500, 5))
