@@ -50,8 +50,8 @@ HEADER = (
     "ms / P",
     "target",
     "floor",
-    "x floor",
-    "compile s",
+    "x",
+    "cold s",
     "warm s",
     "MB",
     "error",
@@ -59,9 +59,9 @@ HEADER = (
 NOTE = (
     "Milliseconds of a call after warm-up, median; all parties and the dealer on one machine. ms / P: if it "
     "does not rise, time grows no faster than the parties. Floor: the products' multiply-adds and the "
-    "dealer's random bytes at the machine's raw rates. Compile: tracing and a cold compilation; warm: the "
-    "same from the compilation cache. MB: peak of the whole process. Error: the largest against float64, "
-    "as part of the largest value."
+    "dealer's random bytes at the machine's raw rates; x: ms by floor. Cold: tracing and compiling; warm: "
+    "the same with a filled compilation cache. MB: peak of the whole process. Error: the largest against "
+    "float64, as part of the largest value."
 )
 PEERS_NOTE = (
     "Milliseconds of a call, median, one framework after the other on the same machine; in brackets how many "
@@ -111,8 +111,6 @@ def run(
         raise ValueError(f"--repeat must be at least 1, not {repeat}")
     chosen = [work for name, work in known.items() if name in names]
 
-    console.print("Raw rates of this machine")
-    rates = floor.rates()
     orders = [
         Order(work.name, count, protocol, sizes, seed, repeat)
         for protocol, work, count in itertools.product(protocols, chosen, parties)
@@ -121,7 +119,7 @@ def run(
         "configuration": {"parties": list(parties), "seed": seed, "repeat": repeat, "sizes": asdict(sizes)},
         "versions": record.versions(),
         "machine": record.machine(),
-        "rates": rates,
+        "rates": {},
         "titles": {work.name: work.title for work in chosen},
         "results": [],
         "peers": [],
@@ -131,10 +129,11 @@ def run(
         task = progress.add_task("", total=len(orders))
         for order in orders:
             progress.update(task, description=f"{order.work}, {order.parties} parties, {order.protocol}")
-            document["results"].append(result := _measured(order, rates))
+            document["results"].append(_measured(order))
+            _compare(document, floor.rates())
             write_json(out / "bench.json", document)
             progress.advance(task)
-            median = _ms(result["seconds"]["median"])
+            median = _ms(document["results"][-1]["seconds"]["median"])
             console.print(f"  {order.work}, {order.parties} parties, {order.protocol}: {median} ms")
     console.print(table(document))
 
@@ -150,19 +149,25 @@ def run(
     return document
 
 
-def _measured(order: Order, rates: dict[str, float]) -> dict[str, Any]:
+def _compare(document: dict[str, Any], rates: dict[str, float]) -> None:
+    """Sets all results beside their floors, at the best rates so far: other jobs may have slowed some."""
+    best = document["rates"]
+    best.update({name: max(rate, best.get(name, 0.0)) for name, rate in rates.items()})
+    for result in document["results"]:
+        result["floor_s"] = floor.seconds(result["needs"], best)
+        result["times_floor"] = result["seconds"]["median"] / result["floor_s"]
+
+
+def _measured(order: Order) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as cache:
         result = _in_a_process(order, cache)
         again = _in_a_process(replace(order, compile_only=True), cache)
-    least = floor.seconds(result["needs"], rates)
     return {
         "work": order.work,
         "parties": order.parties,
         "protocol": str(order.protocol),
         **result,
         "warm_s": again["trace_s"] + again["compile_s"],
-        "floor_s": least,
-        "times_floor": result["seconds"]["median"] / least,
         "target_s": TARGETS.get((order.work, order.parties)) if order.protocol == Protocol() else None,
     }
 
@@ -185,15 +190,14 @@ def _in_a_process(order: Order, cache: str) -> dict[str, Any]:
         return read_json(answer)
 
 
-def rows(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """The cells of our own table as text; see `HEADER`."""
+def rows(document: dict[str, Any], titles: dict[str, str]) -> list[tuple[str, ...]]:
+    """The cells of our own table as text, see `HEADER`; `titles` says what to call each work."""
     several = len({result["protocol"] for result in document["results"]}) > 1
-    return [_row(document, result, several) for result in document["results"]]
+    return [_row(result, titles[result["work"]], several) for result in document["results"]]
 
 
-def _row(document: dict[str, Any], result: dict[str, Any], several: bool) -> tuple[str, ...]:
+def _row(result: dict[str, Any], title: str, several: bool) -> tuple[str, ...]:
     times, target = result["seconds"], result["target_s"]
-    title = document["titles"][result["work"]]
     return (
         f"{title} ({result['protocol']})" if several else title,
         str(result["parties"]),
@@ -210,7 +214,9 @@ def _row(document: dict[str, Any], result: dict[str, Any], several: bool) -> tup
     )
 
 
-def peers_rows(document: dict[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def peers_rows(
+    document: dict[str, Any], titles: dict[str, str]
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Header and cells of the table of peers: a row for each work and number of parties."""
     names = list(dict.fromkeys(result["title"] for result in document["peers"]))
     protocol = document["results"][0]["protocol"]
@@ -225,7 +231,7 @@ def peers_rows(document: dict[str, Any]) -> tuple[tuple[str, ...], list[tuple[st
         found = [theirs.get((name, work, parties)) for name in names]
         if any(found):
             cells = [_peer_cell(result, seconds) for result in found]
-            table.append((document["titles"][work], str(parties), _ms(seconds), *cells))
+            table.append((titles[work], str(parties), _ms(seconds), *cells))
     return ("work", "P", "ciphernav_jax", *names), table
 
 
@@ -246,9 +252,10 @@ def markdown(document: dict[str, Any]) -> str:
         f"raw rates {document['rates']['multiply_adds'] / 1e9:.0f} G float64 multiply-adds and "
         f"{document['rates']['random_bytes'] / 1e9:.1f} GB of random words a second.\n\n"
     )
-    text += _markdown(HEADER, rows(document)) + f"\n\n{NOTE}\n"
+    titles = document["titles"]
+    text += _markdown(HEADER, rows(document, titles)) + f"\n\n{NOTE}\n"
     if document["peers"]:
-        text += f"\n{_markdown(*peers_rows(document))}\n\n{PEERS_NOTE}\n"
+        text += f"\n{_markdown(*peers_rows(document, titles))}\n\n{PEERS_NOTE}\n"
     return text
 
 
@@ -258,8 +265,9 @@ def _markdown(header: tuple[str, ...], cells: Iterable[tuple[str, ...]]) -> str:
 
 
 def table(document: dict[str, Any]) -> Table:
-    """Our own table for a terminal."""
-    return _table("Seconds of secret-shared work", HEADER, rows(document), NOTE)
+    """Our own table for a terminal, with the short names of the works, and what they stand for."""
+    what = "\n".join(f"{name}: {title}" for name, title in document["titles"].items())
+    return _table("Secret-shared work", HEADER, rows(document, _names(document)), f"{what}\n{NOTE}")
 
 
 def peers_table(document: dict[str, Any]) -> Table:
@@ -269,14 +277,18 @@ def peers_table(document: dict[str, Any]) -> Table:
         for r in document["peers"]
         if "seconds" not in r
     ]
-    header, cells = peers_rows(document)
+    header, cells = peers_rows(document, _names(document))
     return _table("Beside other frameworks", header, cells, "\n".join([PEERS_NOTE, *failed]))
+
+
+def _names(document: dict[str, Any]) -> dict[str, str]:
+    return {name: name for name in document["titles"]}
 
 
 def _table(title: str, header: tuple[str, ...], cells: list[tuple[str, ...]], note: str) -> Table:
     shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for column in header:
-        shown.add_column(column, justify="left" if column == "work" else "right")
+        shown.add_column(column, justify="left" if column == "work" else "right", overflow="fold")
     for row in cells:
         shown.add_row(*row)
     return shown

@@ -149,7 +149,7 @@ def test_the_whole_bench(fake, tmp_path, capsys):
     assert good["seconds"]["median"] == 2
     assert good["error"] < 1e-6
     shown = capsys.readouterr().out
-    assert all(words in shown for words in ("product 3x4x5", "frac_bits=16", "no such thing", "Written"))
+    assert all(words in shown for words in ("product 3x4x5", "no such thing", "Written"))
     ours = document["results"][0]["seconds"]["median"]
     assert f"2000 ({2 / ours:.1f})" in bench.markdown(document)
     assert (tmp_path / "bench.md").read_text() == bench.markdown(document)
@@ -182,7 +182,7 @@ def test_one_that_hangs_is_ended_with_all_it_started(fake, tmp_path):
     code = f"import subprocess\nsubprocess.Popen([sys.executable, '-c', {child!r}])\ntime.sleep(60)"
     results = run_peers(fake("slow", code), tmp_path, parties=(2, 7), limit=2)
     # Once for two parties, where the second, longer work is not tried; seven it cannot do.
-    assert [r["status"] for r in results] == ["did not finish"] * 2
+    assert [r["status"] for r in results] == ["did not finish", "not tried"]
     time.sleep(4)
     assert not alive.exists()
 

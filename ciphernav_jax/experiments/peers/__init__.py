@@ -100,8 +100,8 @@ def run(
                 if not stopped:
                     with console.status(f"{peer.title}, {count} parties: {work.title}"):
                         found = _kept(peer, work, count, folder, repeat or REPEATS, time_limit)
-                    if found.get("status") == "did not finish":
-                        stopped = found  # what follows takes longer
+                    if found.get("status") == "did not finish":  # and what follows takes longer
+                        stopped = {"status": "not tried", "detail": f"{work.name} did not finish"}
                 else:
                     found = stopped
                 results.append(named | found)
