@@ -167,6 +167,7 @@ def _measured(order: Order) -> dict[str, Any]:
         "parties": order.parties,
         "protocol": str(order.protocol),
         **result,
+        "at": record.now(),
         "warm_s": again["trace_s"] + again["compile_s"],
         "target_s": TARGETS.get((order.work, order.parties)) if order.protocol == Protocol() else None,
     }

@@ -86,8 +86,9 @@ def run(
     """All works with all numbers of parties that each peer can do, one after the other.
 
     Returns:
-        For each of them a dict of title, work, parties, and either seconds (`measure.summary`) and error
-        (`work.error`), or status (what went wrong, in a few words) and detail (its last lines).
+        For each of them a dict of title, work, parties, and either seconds (`measure.summary`), error
+        (`work.error`) and at (when it was measured), or status (what went wrong, in a few words) and
+        detail (its last lines).
     """
     results = []
     for peer in peers:
@@ -174,7 +175,7 @@ def measure(
         with np.load(outputs) as stored:
             seconds = stored["seconds"].tolist()
             found = [stored[f"output{i}"] for i in range(len(stored.files) - 1)]
-        return {"seconds": summary(seconds), "error": error(found, work.expected())}
+        return {"seconds": summary(seconds), "error": error(found, work.expected()), "at": record.now()}
 
 
 def arrays(work: Work) -> dict[str, Any]:
