@@ -3,6 +3,9 @@
 A step of secret training compiles for seconds. The folder is
 `$XDG_CACHE_HOME/ciphernav_jax/xla-<processor>`, by default under `~/.cache`; it can be deleted at any time.
 Setting JAX_COMPILATION_CACHE_DIR chooses another folder, and setting it to nothing switches the cache off.
+
+JAX does not write its entries aside: one cut short by a kill is not used, and warned of at each compilation
+until it is deleted.
 """
 
 import hashlib
