@@ -8,17 +8,19 @@ The packages in import order; each imports only from those above it.
 - `world`: Obstacle World, its environment, renderer and data set; no secrets here.
 - `models`: the paper's encoders and action classifier.
 - `navigation`: training, plain and secret, and closed-loop evaluation.
+- `experiments`: measurements: speed, beside what the machine can do and beside other frameworks.
 - `cli`: the command line `ciphernav`.
 
-Importing the package registers the gymnasium environment. The names of the public face are imported on
-first use, so that the processes that render Obstacle World never load JAX.
+Importing the package registers the gymnasium environment, switches JAX's 64-bit types on and gives JAX a
+folder for its compilation cache (`compilation_cache`). The names of the public face are imported on first
+use, so that the processes that render Obstacle World never load JAX.
 """
 
 import importlib
 import os
 import sys
 
-from ciphernav_jax import world  # noqa: F401  (registers the gymnasium environment)
+from ciphernav_jax import compilation_cache, world  # noqa: F401  (world registers the gymnasium environment)
 
 __version__ = "0.1.0"
 
@@ -27,6 +29,8 @@ if "jax" in sys.modules:
     sys.modules["jax"].config.update("jax_enable_x64", True)
 else:
     os.environ["JAX_ENABLE_X64"] = "1"
+
+compilation_cache.switch_on()
 
 _HOME = {
     "LAN": "secret",
@@ -41,7 +45,7 @@ _HOME = {
     "share": "secret",
     "transcript": "secret",
 }
-_PACKAGES = ("ring", "protocols", "secret", "models", "navigation")
+_PACKAGES = ("ring", "protocols", "secret", "models", "navigation", "experiments")
 
 __all__ = sorted([*_HOME, *_PACKAGES, "world"])  # pyright: ignore[reportUnsupportedDunderAll]
 

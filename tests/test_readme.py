@@ -7,6 +7,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from ciphernav_jax.experiments import bench
 from ciphernav_jax.navigation import metrics
 
 ROOT = Path(__file__).parents[1]
@@ -17,6 +18,12 @@ def test_the_table_is_that_of_the_committed_results():
     counts = json.loads((ROOT / "results" / "demo.json").read_text())["counts"]
     _, shown = re.split(r"<!-- results/demo.json -->\n", README)
     assert shown.split("<!-- end -->")[0].strip() == metrics.markdown(counts).strip()
+
+
+def test_the_benchmarks_are_those_of_the_committed_results():
+    document = json.loads((ROOT / "results" / "bench.json").read_text())
+    _, shown = README.split("<!-- results/bench.json -->\n")
+    assert shown.split("<!-- end -->")[0].strip() == bench.markdown(document).strip()
 
 
 def test_the_demo_shows_the_point():

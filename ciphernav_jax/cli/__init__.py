@@ -1,8 +1,10 @@
-"""The command line: `ciphernav generate | train | evaluate | demo`.
+"""The command line: `ciphernav generate | train | evaluate | demo | bench`.
 
 - `options`: what each command can be told.
 - `commands`: train and evaluate.
 - `demo`: the whole job, small.
+
+`bench` is in the package `experiments`.
 
 What a command needs is imported when it runs, so that `--help` is quick and the processes that
 render never load JAX.
@@ -12,14 +14,14 @@ import sys
 
 import tyro
 
-from ciphernav_jax.cli.options import Demo, Evaluate, Train
+from ciphernav_jax.cli.options import Bench, Demo, Evaluate, Train
 from ciphernav_jax.world.generate import Generate
 
 
 def main() -> None:
     """Parse the command line and run the command."""
     command = tyro.extras.subcommand_cli_from_dict(
-        {"generate": Generate, "train": Train, "evaluate": Evaluate, "demo": Demo},
+        {"generate": Generate, "train": Train, "evaluate": Evaluate, "demo": Demo, "bench": Bench},
         prog="ciphernav",
         description="A robot that navigates by other parties' cameras while nobody sees anybody's images.",
     )
@@ -30,7 +32,7 @@ def main() -> None:
         sys.exit(1)
 
 
-def _run(command: Generate | Train | Evaluate | Demo) -> None:
+def _run(command: Generate | Train | Evaluate | Demo | Bench) -> None:
     match command:
         case Generate():
             from ciphernav_jax.world import generate
@@ -48,3 +50,16 @@ def _run(command: Generate | Train | Evaluate | Demo) -> None:
             from ciphernav_jax.cli import demo
 
             demo.run(command)
+        case Bench():
+            from ciphernav_jax.experiments import bench, peers, variants
+
+            bench.run(
+                parties=command.parties,
+                names=command.work,
+                protocols=[variants.parse(text) for text in command.variant],
+                out=command.out,
+                seed=command.seed,
+                repeat=command.repeat,
+                with_peers=peers.PEERS if command.peers else (),
+                time_limit=command.time_limit,
+            )

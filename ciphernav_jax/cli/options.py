@@ -3,13 +3,14 @@
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import tyro
 
 Method = Literal[
     "map-only", "first-person", "first-person-deterministic", "plaintext", "plaintext-classifier", "secret"
 ]
+WorkName = Literal["product", "relu", "forward-public", "forward", "train", "train-loop"]
 
 
 @dataclass
@@ -90,3 +91,45 @@ class Demo:
     """Numbers of parties to train with in secret."""
     workers: int = os.cpu_count() or 1
     """Rendering processes."""
+
+
+@dataclass
+class Bench:
+    """Time secret-shared work beside what the machine can do and, with `--peers`, beside other frameworks.
+
+    Each work with each number of parties runs in a process of its own: tracing, cold compilation, then
+    calls until three seconds are full. The table gives their median, the least time that the products and
+    the random numbers need on this machine (the floor), compile times, peak memory, and the error against
+    float64.
+
+    `--peers` makes a virtual environment for each of CrypTen, SPU and PriX (several GB, from the package
+    index that pip is set up for) and runs the same work there. Finished measurements of peers are kept:
+    the same command goes on where it was. A peer that cannot be installed or does not finish is said so.
+
+    For example: `ciphernav bench --work train --parties 2 5 --variant default truncation=nearest`.
+    """
+
+    out: Path = Path("out/bench")
+    """Folder for bench.json and bench.md, and for the peers."""
+    parties: Annotated[list[int], tyro.conf.arg(metavar="P [P ...]")] = field(
+        default_factory=lambda: [2, 3, 5, 8, 16]
+    )
+    """Numbers of parties; of them a peer runs those that it can do, at most 5."""
+    work: Annotated[list[WorkName], tyro.conf.arg(metavar="WORK [WORK ...]")] = field(
+        default_factory=lambda: list(get_args(WorkName))
+    )
+    """What to time: product, relu, forward, forward-public (public weights), train (one step), train-loop
+    (steps in one compiled loop). All of them by default."""
+    variant: Annotated[list[str], tyro.conf.arg(metavar="VARIANT [VARIANT ...]")] = field(
+        default_factory=lambda: ["default"]
+    )
+    """Protocols, each as what differs from the default, such as truncation=nearest,frac_bits=16. The peers
+    are compared with the first."""
+    repeat: int | None = None
+    """Timed calls; by default as many as fit in three seconds, and 5 of a peer."""
+    seed: int = 0
+    """Of the inputs, the shares and the protocols."""
+    peers: bool = False
+    """Run the other frameworks too."""
+    time_limit: float = 300
+    """Seconds after which a peer's work counts as not finished."""

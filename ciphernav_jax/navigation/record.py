@@ -1,7 +1,8 @@
-"""On what a result was made: versions and machine, for the JSON beside every number."""
+"""On what and when a result was made: versions, machine, time, for the JSON beside every number."""
 
 import os
 import platform
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
@@ -16,6 +17,11 @@ def versions() -> dict[str, str]:
 def machine() -> dict[str, str | int]:
     """The operating system, the processor's name and how many of them."""
     return {"system": platform.platform(), "processor": _processor(), "cpus": os.cpu_count() or 1}
+
+
+def now() -> str:
+    """The time, to the minute."""
+    return datetime.now(UTC).isoformat(timespec="minutes")
 
 
 def _processor() -> str:

@@ -15,7 +15,13 @@ def run(monkeypatch, *words):
 
 @pytest.mark.parametrize(
     ("command", "word"),
-    [("generate", "--unseen-by"), ("train", "--parties"), ("evaluate", "--model"), ("demo", "--workers")],
+    [
+        ("generate", "--unseen-by"),
+        ("train", "--parties"),
+        ("evaluate", "--model"),
+        ("demo", "--workers"),
+        ("bench", "--peers"),
+    ],
 )
 def test_every_command_has_help_with_a_seed_and_an_output_folder(monkeypatch, capsys, command, word):
     assert run(monkeypatch, command, "--help") == 0

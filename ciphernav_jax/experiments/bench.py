@@ -1,0 +1,299 @@
+"""`ciphernav bench`: every work with every number of parties, beside its floor and beside the peers.
+
+OUT/bench.json   everything that was measured, on what machine and with what versions
+OUT/bench.md     the same as the README's tables
+OUT/peers        the peers' virtual environments, and their finished measurements
+"""
+
+import itertools
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from ciphernav_jax.experiments import floor, peers
+from ciphernav_jax.experiments.measure import Order
+from ciphernav_jax.experiments.work import Sizes, works
+from ciphernav_jax.navigation import record
+from ciphernav_jax.navigation.storage import read_json, write_json, write_text
+from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.protocols.sharing import require_parties
+
+# What we want on two cores with the default protocol, in seconds.
+TARGETS = {
+    ("forward", 2): 0.007,
+    ("forward", 5): 0.015,
+    ("train", 2): 0.060,
+    ("train", 5): 0.140,
+    ("relu", 2): 0.009,
+    ("relu", 5): 0.022,
+    ("product", 2): 0.015,
+    ("product", 5): 0.040,
+}
+
+console = Console(highlight=False)
+
+HEADER = (
+    "work",
+    "P",
+    "ms",
+    "quartiles",
+    "ms / P",
+    "target",
+    "floor",
+    "x",
+    "cold s",
+    "warm s",
+    "MB",
+    "error",
+)
+NOTE = (
+    "Milliseconds of a call after warm-up, median; all parties and the dealer on one machine. ms / P: if it "
+    "does not rise, time grows no faster than the parties. Floor: the products' multiply-adds and the "
+    "dealer's random bytes at the machine's raw rates; x: ms by floor. Cold: tracing and compiling; warm: "
+    "the same with a filled compilation cache. MB: peak of the whole process. Error: the largest against "
+    "float64, as part of the largest value."
+)
+PEERS_NOTE = (
+    "Milliseconds of a call, median, one framework after the other on the same machine; in brackets how many "
+    "times as long as ciphernav_jax takes."
+)
+
+
+def run(
+    *,
+    parties: Sequence[int],
+    names: Sequence[str],
+    protocols: Sequence[Protocol],
+    out: Path,
+    seed: int = 0,
+    repeat: int | None = None,
+    with_peers: Sequence[peers.Peer] = (),
+    time_limit: float = 300,
+    sizes: Sizes | None = None,
+) -> dict[str, Any]:
+    """Measure, print the tables, and write OUT/bench.json and OUT/bench.md.
+
+    Args:
+        parties: numbers of parties.
+        names: of the works, see `work.works`.
+        protocols: variants; the peers are compared with the first.
+        out: folder.
+        seed: of inputs, shares and protocols.
+        repeat: timed calls of each work; by default as many as fit in three seconds (of a peer five).
+        with_peers: other frameworks to run.
+        time_limit: seconds after which a peer's work counts as not finished.
+        sizes: of the works.
+
+    Returns:
+        What is in OUT/bench.json.
+
+    Raises:
+        ValueError: an unknown work, fewer than two parties.
+        RuntimeError: a measurement of our own failed.
+    """
+    sizes = sizes or Sizes()
+    known = works(sizes, seed)
+    if unknown := [name for name in names if name not in known]:
+        raise ValueError(f"unknown work {', '.join(unknown)}; the works are {', '.join(known)}")
+    for count in parties:
+        require_parties(count)
+    if repeat is not None and repeat < 1:
+        raise ValueError(f"--repeat must be at least 1, not {repeat}")
+    chosen = [work for name, work in known.items() if name in names]
+
+    orders = [
+        Order(work.name, count, protocol, sizes, seed, repeat)
+        for protocol, work, count in itertools.product(protocols, chosen, parties)
+    ]
+    document: dict[str, Any] = {
+        "configuration": {"parties": list(parties), "seed": seed, "repeat": repeat, "sizes": asdict(sizes)},
+        "versions": record.versions(),
+        "machine": record.machine(),
+        "rates": {},
+        "titles": {work.name: work.title for work in chosen},
+        "results": [],
+        "peers": [],
+    }
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("", total=len(orders))
+        for order in orders:
+            progress.update(task, description=f"{order.work}, {order.parties} parties, {order.protocol}")
+            document["results"].append(_measured(order))
+            _compare(document, floor.rates())
+            write_json(out / "bench.json", document)
+            progress.advance(task)
+            median = _ms(document["results"][-1]["seconds"]["median"])
+            console.print(f"  {order.work}, {order.parties} parties, {order.protocol}: {median} ms")
+    console.print(table(document))
+
+    if with_peers:
+        of_peers = [work for work in chosen if work.steps == 1]
+        document["peers"] = peers.run(
+            with_peers, of_peers, parties, out / "peers", repeat, time_limit, console
+        )
+        console.print(peers_table(document))
+    write_json(out / "bench.json", document)
+    write_text(out / "bench.md", markdown(document))
+    console.print(f"Written: {out}/bench.json, {out}/bench.md")
+    return document
+
+
+def _compare(document: dict[str, Any], rates: dict[str, float]) -> None:
+    """Sets all results beside their floors, at the best rates so far: other jobs may have slowed some."""
+    best = document["rates"]
+    best.update({name: max(rate, best.get(name, 0.0)) for name, rate in rates.items()})
+    for result in document["results"]:
+        result["floor_s"] = floor.seconds(result["needs"], best)
+        result["times_floor"] = result["seconds"]["median"] / result["floor_s"]
+
+
+def _measured(order: Order) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as cache:
+        result = _in_a_process(order, cache)
+        again = _in_a_process(replace(order, compile_only=True), cache)
+    return {
+        "work": order.work,
+        "parties": order.parties,
+        "protocol": str(order.protocol),
+        **result,
+        "at": record.now(),
+        "warm_s": again["trace_s"] + again["compile_s"],
+        "target_s": TARGETS.get((order.work, order.parties)) if order.protocol == Protocol() else None,
+    }
+
+
+def _in_a_process(order: Order, cache: str) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        asked, answer = Path(folder) / "order.json", Path(folder) / "result.json"
+        write_json(asked, order.as_json())
+        command = [sys.executable, "-m", "ciphernav_jax.experiments.measure", str(asked), str(answer)]
+        done = subprocess.run(
+            command,
+            env=os.environ | {"JAX_COMPILATION_CACHE_DIR": cache},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            last = "\n".join(done.stderr.strip().splitlines()[-5:])
+            raise RuntimeError(f"{order.work} with {order.parties} parties failed:\n{last}")
+        return read_json(answer)
+
+
+def rows(document: dict[str, Any], titles: dict[str, str]) -> list[tuple[str, ...]]:
+    """The cells of our own table as text, see `HEADER`; `titles` says what to call each work."""
+    several = len({result["protocol"] for result in document["results"]}) > 1
+    return [_row(result, titles[result["work"]], several) for result in document["results"]]
+
+
+def _row(result: dict[str, Any], title: str, several: bool) -> tuple[str, ...]:
+    times, target = result["seconds"], result["target_s"]
+    return (
+        f"{title} ({result['protocol']})" if several else title,
+        str(result["parties"]),
+        _ms(times["median"]),
+        f"{_ms(times['q1'])}-{_ms(times['q3'])}",
+        _ms(times["median"] / result["parties"]),
+        "" if target is None else _ms(target),
+        _ms(result["floor_s"]),
+        f"{result['times_floor']:.1f}",
+        f"{result['trace_s'] + result['compile_s']:.1f}",
+        f"{result['warm_s']:.1f}",
+        f"{result['peak_bytes'] / 1e6:.0f}",
+        f"{result['error']:.1e}",
+    )
+
+
+def peers_rows(
+    document: dict[str, Any], titles: dict[str, str]
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header and cells of the table of peers: a row for each work and number of parties."""
+    names = list(dict.fromkeys(result["title"] for result in document["peers"]))
+    protocol = document["results"][0]["protocol"]
+    ours = {
+        (result["work"], result["parties"]): result["seconds"]["median"]
+        for result in document["results"]
+        if result["protocol"] == protocol
+    }
+    theirs = {(r["title"], r["work"], r["parties"]): r for r in document["peers"]}
+    table = []
+    for (work, parties), seconds in ours.items():
+        found = [theirs.get((name, work, parties)) for name in names]
+        if any(found):
+            cells = [_peer_cell(result, seconds) for result in found]
+            table.append((titles[work], str(parties), _ms(seconds), *cells))
+    return ("work", "P", "ciphernav_jax", *names), table
+
+
+def _peer_cell(result: dict[str, Any] | None, ours: float) -> str:
+    if result is None:
+        return ""
+    if "seconds" not in result:
+        return result["status"]
+    median = result["seconds"]["median"]
+    return f"{_ms(median)} ({median / ours:.1f})"
+
+
+def markdown(document: dict[str, Any]) -> str:
+    """Both tables in Markdown, with what they were measured on."""
+    machine, versions = document["machine"], document["versions"]
+    text = (
+        f"{machine['cpus']} cores of {machine['processor']}, jax {versions['jax']}; "
+        f"raw rates {document['rates']['multiply_adds'] / 1e9:.0f} G float64 multiply-adds and "
+        f"{document['rates']['random_bytes'] / 1e9:.1f} GB of random words a second.\n\n"
+    )
+    titles = document["titles"]
+    text += _markdown(HEADER, rows(document, titles)) + f"\n\n{NOTE}\n"
+    if document["peers"]:
+        text += f"\n{_markdown(*peers_rows(document, titles))}\n\n{PEERS_NOTE}\n"
+    return text
+
+
+def _markdown(header: tuple[str, ...], cells: Iterable[tuple[str, ...]]) -> str:
+    lines = [header, ("---",) + ("---:",) * (len(header) - 1), *cells]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def table(document: dict[str, Any]) -> Table:
+    """Our own table for a terminal, with the short names of the works, and what they stand for."""
+    what = "\n".join(f"{name}: {title}" for name, title in document["titles"].items())
+    return _table("Secret-shared work", HEADER, rows(document, _names(document)), f"{what}\n{NOTE}")
+
+
+def peers_table(document: dict[str, Any]) -> Table:
+    """The peers' table for a terminal; below it, what went wrong."""
+    failed = [
+        f"{r['title']}, {r['work']}, {r['parties']} parties: {r['status']}. {r.get('detail', '')}".strip()
+        for r in document["peers"]
+        if "seconds" not in r
+    ]
+    header, cells = peers_rows(document, _names(document))
+    return _table("Beside other frameworks", header, cells, "\n".join([PEERS_NOTE, *failed]))
+
+
+def _names(document: dict[str, Any]) -> dict[str, str]:
+    return {name: name for name in document["titles"]}
+
+
+def _table(title: str, header: tuple[str, ...], cells: list[tuple[str, ...]], note: str) -> Table:
+    shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for column in header:
+        shown.add_column(column, justify="left" if column == "work" else "right", overflow="fold")
+    for row in cells:
+        shown.add_row(*row)
+    return shown
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g}" if seconds < 1 else f"{1e3 * seconds:.0f}"

@@ -1,0 +1,35 @@
+"""Protocol variants as words of a command line."""
+
+from dataclasses import fields
+
+from ciphernav_jax.protocols import Protocol
+
+
+def parse(text: str) -> Protocol:
+    """`default`, or what differs from it: `truncation=nearest,frac_bits=16`.
+
+    Raises:
+        ValueError: a field or a variant that `Protocol` does not have; the message lists those it has.
+    """
+    if text == "default":
+        return Protocol()
+    known = [field.name for field in fields(Protocol)]
+    chosen = {}
+    for word in text.split(","):
+        name, equals, value = (part.strip() for part in word.partition("="))
+        if not equals or name not in known:
+            raise ValueError(
+                f"cannot read the variant {word!r}: write NAME=VALUE, several with commas, or default; "
+                f"the names are {', '.join(known)}"
+            )
+        chosen[name] = _number(name, value) if name.endswith("_bits") else value
+    return Protocol(**chosen)
+
+
+def _number(name: str, value: str) -> int | None:
+    if value == "None":
+        return None
+    try:
+        return int(value)
+    except ValueError:
+        raise ValueError(f"{name} is a number of bits, not {value!r}") from None
