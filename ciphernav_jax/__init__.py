@@ -35,6 +35,7 @@ _HOME = {
     "reveal": "secret",
     "secure": "secret",
     "share": "secret",
+    "simulate": "secret",
 }
 _PACKAGES = ("ring", "protocols", "secret", "models", "navigation")
 

@@ -41,10 +41,14 @@ class Request(Protocol):
 
     `draws` are the shapes of the independent uniform words it starts from, `deal` computes from them (and
     from the values of earlier requests) the values to be shared. Names in `binary` are shared by exclusive
-    or, the others additively.
+    or, those in `split` are shares already, the party as leading axis; the others are shared additively.
     """
 
-    binary: ClassVar[frozenset[str]]
+    @property
+    def binary(self) -> frozenset[str]: ...
+
+    @property
+    def split(self) -> frozenset[str]: ...
 
     @property
     def draws(self) -> tuple[Shape, ...]: ...
@@ -53,7 +57,15 @@ class Request(Protocol):
 
 
 @dataclass(frozen=True)
-class Mask:
+class _Additive:
+    """A request whose values are shared additively, unless its class says otherwise."""
+
+    binary: ClassVar[frozenset[str]] = frozenset()
+    split: ClassVar[frozenset[str]] = frozenset()
+
+
+@dataclass(frozen=True)
+class Mask(_Additive):
     """A uniform ring element r for each entry, {"mask": shape}, and what its truncation and bits need.
 
     - shift > 0 adds the high part and the top bit, {"high": r >> shift, "top": r >> 63}, additively shared
@@ -85,12 +97,33 @@ class Mask:
 
 
 @dataclass(frozen=True)
-class _OfTwo:
+class Zero(_Additive):
+    """Shares of nothing, {"zero": shape}: they make the shares of another value fresh.
+
+    Shared additively, or by exclusive or with `xor`.
+    """
+
+    shape: Shape
+    xor: bool = False
+
+    @property
+    def binary(self) -> frozenset[str]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return frozenset({"zero"} if self.xor else ())
+
+    @property
+    def draws(self) -> tuple[Shape, ...]:
+        return ()
+
+    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
+        return {"zero": jnp.zeros(self.shape, jnp.uint64)}
+
+
+@dataclass(frozen=True)
+class _OfTwo(_Additive):
     """A request for something of two earlier values, which draws nothing of its own."""
 
     left: Ref
     right: Ref
-    binary: ClassVar[frozenset[str]] = frozenset()
 
     @property
     def draws(self) -> tuple[Shape, ...]:
@@ -125,7 +158,7 @@ class DotProduct(_OfTwo):
 
 
 @dataclass(frozen=True)
-class SharedBits:
+class SharedBits(_Additive):
     """Uniform bits shared both ways: {"words": [*rows, B]}, 64 bits to a word, by exclusive or, and {"bits":
     [*rows, *shape]}, values 0 or 1, additively (daBits: Rotaru and Wood, INDOCRYPT 2019).
     """
@@ -143,7 +176,7 @@ class SharedBits:
 
 
 @dataclass(frozen=True)
-class AndTriple:
+class AndTriple(_Additive):
     """Words a, b and a & b for the conjunction of one word with several: {"left": shape},
     {"right": [count, *shape]}, {"product": [count, *shape]}, all shared by exclusive or.
     """
@@ -200,7 +233,10 @@ class Planner:
         values = jax.eval_shape(request.deal, draws, self.values)
         self.requests.append(request)
         self.values.append(values)
-        zeros = {name: jnp.zeros(value.shape, jnp.uint64) for name, value in values.items()}
+        zeros = {
+            name: jnp.zeros(value.shape[1:] if name in request.split else value.shape, jnp.uint64)
+            for name, value in values.items()
+        }
         return Dealt(len(self.requests) - 1, zeros)
 
     def plan(self) -> Plan:
@@ -252,20 +288,19 @@ def deal(key: Array, plan: Plan, parties: int) -> list[dict[str, UInt64[Array, "
     sharing.require_parties(parties)
     shapes: list[Shape] = []
     for request, values in zip(plan.requests, plan.shapes, strict=True):
-        shapes += [*request.draws, *((parties - 1, *shape) for shape in values.values())]
+        to_share = (shape for name, shape in values.items() if name not in request.split)
+        shapes += [*request.draws, *((parties - 1, *shape) for shape in to_share)]
     uniform = iter(ring.draw(key, shapes))
+
+    def split(request: Request, name: str, value: Array) -> Array:
+        if name in request.split:
+            return value
+        return (sharing.split_xor if name in request.binary else sharing.split_sum)(value, next(uniform))
 
     dealt: list[Values] = []
     supply: list[Values] = []
-    for request, shapes_by_name in zip(plan.requests, plan.shapes, strict=True):
+    for request, names in zip(plan.requests, plan.shapes, strict=True):
         values = request.deal([next(uniform) for _ in request.draws], dealt)
         dealt.append(values)
-        supply.append(
-            {
-                name: (sharing.split_xor if name in request.binary else sharing.split_sum)(
-                    values[name], next(uniform)
-                )
-                for name in shapes_by_name
-            }
-        )
+        supply.append({name: split(request, name, values[name]) for name in names})
     return supply

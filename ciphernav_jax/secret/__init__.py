@@ -3,10 +3,13 @@
 - `array`: `Secret`, `share`, `reveal`.
 - `value`: a party's share inside a program, with pending truncations and what was computed from it.
 - `rules`: one rule for each primitive.
+- `loops`: the rules of scan, while and cond.
 - `secure`: the jaxpr evaluator; `secure` and `deploy`.
+- `simulate`: floats to floats through the protocol, differentiable.
 """
 
 from ciphernav_jax.secret.array import Secret, reveal, share
 from ciphernav_jax.secret.secure import deploy, secure
+from ciphernav_jax.secret.simulate import simulate
 
-__all__ = ["Secret", "deploy", "reveal", "secure", "share"]
+__all__ = ["Secret", "deploy", "reveal", "secure", "share", "simulate"]
