@@ -23,7 +23,8 @@ def simulate(
     and gradients are the caller's floats. To compute on secrets, use `secure`.
 
     Args:
-        function: as for `secure`.
+        function: as for `secure`. What is to be differentiated or batched must be an argument: the function
+            must not close over it.
         parties: P >= 2.
         protocol: the variants.
 
