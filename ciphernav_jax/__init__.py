@@ -29,13 +29,18 @@ else:
     os.environ["JAX_ENABLE_X64"] = "1"
 
 _HOME = {
+    "LAN": "secret",
+    "Network": "secret",
     "Protocol": "protocols",
     "Secret": "secret",
+    "WAN": "secret",
+    "cost": "secret",
     "deploy": "secret",
     "reveal": "secret",
     "secure": "secret",
     "share": "secret",
     "simulate": "secret",
+    "transcript": "secret",
 }
 _PACKAGES = ("ring", "protocols", "secret", "models", "navigation")
 

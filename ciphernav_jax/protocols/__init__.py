@@ -13,6 +13,9 @@ In import order:
 - `relu`: ReLU and selection.
 - `suite`: `Protocol`, the choice of variants.
 - `run`: a program together with its dealer, planned, dealt and run.
+- `jaxprs`: what the equations of a traced program wrap, and under which names they stand.
+- `messages`: all openings of a traced program with their rounds, and the check that nothing else crosses.
+- `record`: a run that keeps what is sent and opened.
 
 The adversary is semi-honest: parties follow the program and may pool what they see, up to P - 1 of them; the
 dealer is trusted.

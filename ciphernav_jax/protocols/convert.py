@@ -6,9 +6,9 @@ from jax import Array
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
+from ciphernav_jax.protocols import adders
 from ciphernav_jax.protocols.dealer import Dealer, Mask, SharedBits
 from ciphernav_jax.protocols.masked import Masked, Term
-from ciphernav_jax.protocols.multiply import conjunction
 from ciphernav_jax.protocols.party import from_party_zero, labelled, open_sum, open_xor
 from ciphernav_jax.ring import bits
 
@@ -49,17 +49,13 @@ def to_bits(dealer: Dealer, x: UInt64[Array, "..."]) -> UInt64[Array, "64 b"]:
     shared bits: bit j is c_j ^ r_j ^ borrow_j.
 
     Opened: c and the prefix network's masked words, all uniform. Rounds: 7. Correlated randomness for each
-    value: one `Mask` with bits and 321 bit `AndTriple`s. Error: none.
+    value: one `Mask` with bits and 599 bit `AndTriple`s. Error: none.
     Source: Escudero et al., CRYPTO 2020 (edaBits); Kogge and Stone, IEEE ToC 1973.
     """
-    mask = dealer.take(Mask(x.shape, bits=True))
+    mask = dealer.take(Mask(x.shape, bits=64))
     public, shared = ring.bit_slice(open_sum(x + mask["mask"])), mask["bits"]
     g = ~public & shared
     p = shared ^ from_party_zero(~public)
-    for distance in (1, 2, 4, 8, 16, 32):
-        # Position j takes in the group that ends `distance` below it; lower positions are complete.
-        products = conjunction(dealer, p[distance:], jnp.stack([g[:-distance], p[:-distance]]))
-        g = jnp.concatenate([g[:distance], g[distance:] ^ products[0]])
-        p = jnp.concatenate([p[:distance], products[1]])
-    borrow = jnp.concatenate([jnp.zeros_like(g[:1]), g[:-1]])
+    borrows = adders.carries(dealer, g[:-1], p[:-1], "kogge-stone")
+    borrow = jnp.concatenate([jnp.zeros_like(g[:1]), borrows])
     return shared ^ borrow ^ from_party_zero(public)

@@ -24,6 +24,7 @@ from ciphernav_jax import ring
 from ciphernav_jax.protocols import sharing
 from ciphernav_jax.ring import bits
 from ciphernav_jax.ring.linear import DimensionNumbers
+from ciphernav_jax.ring.random import Generator
 
 Shape = tuple[int, ...]
 Values = dict[str, Array]
@@ -70,25 +71,33 @@ class Mask(_Additive):
 
     - shift > 0 adds the high part and the top bit, {"high": r >> shift, "top": r >> 63}, additively shared
       (Escudero et al., CRYPTO 2020).
-    - bits adds the bits of r, sliced (64 words for 64 values) and shared by exclusive or, {"bits": [64, B]},
-      and the products of each even bit with its odd neighbour, {"pairs": [32, B]}: the first level of a
-      comparison circuit then needs no communication.
+    - bits adds the low `bits` bits of r, shared by exclusive or: sliced, 64 values to a word, {"bits": [bits,
+      B]}; or with `words` in words of their own, {"bits": shape}.
+    - pairs adds the products of the first even bits with their odd neighbours, sliced, {"pairs": [pairs, B]}:
+      the first level of a comparison circuit then needs no communication.
     """
 
     shape: Shape
     shift: int = 0
-    bits: bool = False
+    bits: int = 0
+    pairs: int = 0
+    words: bool = False
     binary: ClassVar[frozenset[str]] = frozenset({"bits", "pairs"})
 
     @property
     def draws(self) -> tuple[Shape, ...]:
-        return ((64, bits.columns(math.prod(self.shape))) if self.bits else self.shape,)
+        sliced = self.bits and not self.words
+        return ((64, bits.columns(math.prod(self.shape))) if sliced else self.shape,)
 
     def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
         (r,) = draws
         values = {}
-        if self.bits:
-            values = {"bits": r, "pairs": r[0::2] & r[1::2]}
+        if self.bits and self.words:
+            values["bits"] = r
+        elif self.bits:
+            values["bits"] = r[: self.bits]
+            if self.pairs:
+                values["pairs"] = r[0 : 2 * self.pairs : 2] & r[1 : 2 * self.pairs : 2]
             r = ring.bit_unslice(r, self.shape)
         values["mask"] = r
         if self.shift:
@@ -116,6 +125,25 @@ class Zero(_Additive):
 
     def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
         return {"zero": jnp.zeros(self.shape, jnp.uint64)}
+
+
+@dataclass(frozen=True)
+class WrapCount(_Additive):
+    """A uniform r_i for each party, {"mask": shape}, and how often their signed sum wraps around,
+    {"wraps": shape}, additively shared: sum r_i = (sum r_i mod 2^64) + 2^64 wraps, all read as signed.
+    """
+
+    shape: Shape
+    parties: int
+    split: ClassVar[frozenset[str]] = frozenset({"mask"})
+
+    @property
+    def draws(self) -> tuple[Shape, ...]:
+        return ((self.parties, *self.shape),)
+
+    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
+        (r,) = draws
+        return {"mask": r, "wraps": sharing.wraps(r)}
 
 
 @dataclass(frozen=True)
@@ -276,7 +304,20 @@ class Supply:
         return Dealt(i, self.shares[i])
 
 
-def deal(key: Array, plan: Plan, parties: int) -> list[dict[str, UInt64[Array, "p ..."]]]:
+def drawn(plan: Plan, parties: int) -> list[Shape]:
+    """The shapes of all the uniform words that `deal` draws, in its order: for each request those it starts
+    from, then P - 1 shares of each value that is not split already.
+    """
+    shapes: list[Shape] = []
+    for request, values in zip(plan.requests, plan.shapes, strict=True):
+        to_share = (shape for name, shape in values.items() if name not in request.split)
+        shapes += [*request.draws, *((parties - 1, *shape) for shape in to_share)]
+    return shapes
+
+
+def deal(
+    key: Array, plan: Plan, parties: int, generator: Generator = "threefry"
+) -> list[dict[str, UInt64[Array, "p ..."]]]:
     """The offline phase: all correlated randomness of a plan, as shares of `parties` parties.
 
     Every value v that is shared takes P - 1 uniform arrays u_1 ... u_{P-1}; party 0 gets v - sum(u), or v ^
@@ -286,11 +327,7 @@ def deal(key: Array, plan: Plan, parties: int) -> list[dict[str, UInt64[Array, "
         For each request a dict of uint64 arrays with the party as leading axis.
     """
     sharing.require_parties(parties)
-    shapes: list[Shape] = []
-    for request, values in zip(plan.requests, plan.shapes, strict=True):
-        to_share = (shape for name, shape in values.items() if name not in request.split)
-        shapes += [*request.draws, *((parties - 1, *shape) for shape in to_share)]
-    uniform = iter(ring.draw(key, shapes))
+    uniform = iter(ring.draw(key, drawn(plan, parties), generator))
 
     def split(request: Request, name: str, value: Array) -> Array:
         if name in request.split:

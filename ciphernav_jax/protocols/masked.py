@@ -8,6 +8,7 @@ t + (1 - 2 t) s. A product of two such values needs only the dealer's products [
 
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 from jax import Array
 from jaxtyping import UInt64
 
@@ -22,6 +23,11 @@ class Term:
     factor: UInt64[Array, "..."] | None
     share: UInt64[Array, "..."]
     ref: Ref
+
+    def negated(self) -> "Term":
+        """-k [m]."""
+        minus_one = jnp.full(self.share.shape, 2**64 - 1, jnp.uint64)
+        return Term(minus_one if self.factor is None else -self.factor, self.share, self.ref)
 
 
 @dataclass(frozen=True)

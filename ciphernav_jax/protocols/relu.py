@@ -6,7 +6,7 @@ from jax import Array
 from jaxtyping import UInt64
 
 from ciphernav_jax.protocols import compare, truncate
-from ciphernav_jax.protocols.dealer import Dealer, Mask
+from ciphernav_jax.protocols.dealer import Dealer
 from ciphernav_jax.protocols.masked import Masked
 from ciphernav_jax.protocols.multiply import multiply
 from ciphernav_jax.protocols.party import labelled, open_sum
@@ -20,7 +20,12 @@ class Relu(NamedTuple):
 
 
 @labelled
-def relu(dealer: Dealer, x: UInt64[Array, "..."], shift: int = 0) -> Relu:
+def relu(
+    dealer: Dealer,
+    x: UInt64[Array, "..."],
+    shift: int = 0,
+    circuit: compare.Circuit = compare.Circuit(),  # noqa: B008
+) -> Relu:
     """max(x, 0) / 2^shift and the bit x > 0, from one opening of x.
 
     1. take [r], its bits, and [r >> shift], [r >> 63]; 2. open c = [x] + [r];
@@ -29,12 +34,12 @@ def relu(dealer: Dealer, x: UInt64[Array, "..."], shift: int = 0) -> Relu:
     4. from c and the bits of r the bit b = (x > 0), again `Masked` (`compare.positive`);
     5. [b x / 2^shift] is the product of two `Masked` values: the dealer's products, no opening.
 
-    Opened: what `compare.positive` opens. Rounds: 7. Correlated randomness for each value: one `Mask` with
-    bits and shift, 31 bit `AndTriple`s, one of `SharedBits`, two `Product`s (one with shift 0). Error: that
-    of the truncation, below 1 unit of the result and unbiased; with shift 0 none. Valid for |x| < 2^62 (with
-    shift 0 for all x but -2^63). Where the bit is 0 the output is exactly 0.
+    Opened: what `compare.positive` opens. Rounds: 7 by default. Correlated randomness for each value: one
+    `Mask` with bits and shift, 31 bit `AndTriple`s, one of `SharedBits`, two `Product`s (one with shift 0).
+    Error: that of the truncation, below 1 unit of the result and unbiased; with shift 0 none. Valid for |x| <
+    2^62 (with shift 0 for all x but -2^63). Where the bit is 0 the output is exactly 0.
     """
-    mask = dealer.take(Mask(x.shape, shift, bits=True))
+    mask = dealer.take(circuit.mask(x.shape, shift))
     c = open_sum(x + mask["mask"])
-    positive = compare.positive_from_opening(dealer, c, mask)
+    positive = compare.positive_from_opening(dealer, c, mask, circuit)
     return Relu(multiply(dealer, positive, truncate.from_opening(c, mask, shift)), positive)

@@ -19,6 +19,7 @@ from jaxtyping import UInt64
 
 from ciphernav_jax.protocols.dealer import Dealer, Plan, Shape, Values, deal
 from ciphernav_jax.protocols.party import AXIS
+from ciphernav_jax.ring.random import Generator
 
 
 @dataclass(frozen=True)
@@ -95,10 +96,12 @@ class OnCall:
         return {"seed": jnp.broadcast_to(draws[0], (self.parties, 1))}
 
 
-def take_on_call(seed: UInt64[Array, "1"], plan: Plan, call: Array) -> list[Values]:
+def take_on_call(
+    seed: UInt64[Array, "1"], plan: Plan, call: Array, generator: Generator = "threefry"
+) -> list[Values]:
     """This party's shares for each request of the plan, fresh for each number `call` of an `OnCall`."""
     with jax.named_scope("dealer:on_call"):
         words = lax.bitcast_convert_type(seed, jnp.uint32).reshape(2)
         key = jax.random.fold_in(jax.random.wrap_key_data(words, impl="threefry2x32"), call)
         mine = lax.axis_index(AXIS)
-        return jax.tree.map(lambda x: x[mine], deal(key, plan, lax.axis_size(AXIS)))
+        return jax.tree.map(lambda x: x[mine], deal(key, plan, lax.axis_size(AXIS), generator))

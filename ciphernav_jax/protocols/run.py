@@ -12,6 +12,7 @@ from jax.sharding import Mesh
 
 from ciphernav_jax.protocols import party
 from ciphernav_jax.protocols.dealer import Dealer, Plan, Planner, Supply, deal
+from ciphernav_jax.ring.random import Generator
 
 DealtProgram = Callable[[Dealer, Any, Any], tuple[Any, Any]]
 
@@ -27,8 +28,41 @@ def plan(program: DealtProgram, parties: int, private: Any, public: Any) -> Plan
     return planner.plan()
 
 
+def online(program: DealtProgram, needed: Plan) -> party.Program:
+    """The online phase of a program: its private inputs are a pair, (what the dealer supplied, its own)."""
+
+    def with_supply(private, public):
+        supply, private = private
+        return program(Supply(needed, supply), private, public)
+
+    return with_supply
+
+
+def one_partys_jaxpr(program: party.Program, parties: int, private: Any, public: Any) -> tuple[Any, Any]:
+    """What one of the parties computes, traced and not run.
+
+    Args:
+        program: one party's program.
+        parties: P.
+        private: pytree of arrays, or of their `jax.ShapeDtypeStruct`, with the party as leading axis.
+        public: pytree of arrays or of their `jax.ShapeDtypeStruct`.
+
+    Returns:
+        The jaxpr of the program on one party's inputs, and the pytree of shapes that it returns.
+    """
+    mine = jax.eval_shape(lambda private: jax.tree.map(lambda x: x[0], private), private)
+    trace = jax.make_jaxpr(program, axis_env=[(party.AXIS, parties)], return_shape=True)
+    return trace(mine, public)
+
+
 def run(
-    program: DealtProgram, key: Array, parties: int, private: Any, public: Any, mesh: Mesh | None = None
+    program: DealtProgram,
+    key: Array,
+    parties: int,
+    private: Any,
+    public: Any,
+    mesh: Mesh | None = None,
+    generator: Generator = "threefry",
 ) -> tuple[Any, Any]:
     """Plans, deals and runs a program: by simulation, or with one device a party where `mesh` is given.
 
@@ -38,6 +72,8 @@ def run(
         parties: P >= 2.
         private: pytree of arrays with the party as leading axis.
         public: pytree of arrays that all parties know.
+        mesh: one device for each party; None for a simulation.
+        generator: where the dealer's uniform words come from.
 
     Returns:
         The private outputs, with the party as leading axis, and the public ones.
@@ -45,13 +81,8 @@ def run(
     if mesh is not None and mesh.size != parties:
         raise ValueError(f"the mesh has {mesh.size} devices, but the shares belong to {parties} parties")
     needed = plan(program, parties, private, public)
-    supply = deal(key, needed, parties)
-
-    def online(private, public):
-        mine, private = private
-        return program(Supply(needed, mine), private, public)
-
+    supply = deal(key, needed, parties, generator)
     if mesh is None:
-        return party.simulate(online, parties)((supply, private), public)
+        return party.simulate(online(program, needed), parties)((supply, private), public)
     supply = party.on_every_device(supply, mesh)
-    return party.deploy(online, mesh)((supply, private), public)
+    return party.deploy(online(program, needed), mesh)((supply, private), public)

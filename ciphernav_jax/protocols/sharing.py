@@ -37,6 +37,20 @@ def join_xor(shares: UInt64[Array, "p ..."]) -> UInt64[Array, "..."]:
     return lax.reduce_xor(shares, axes=(0,))
 
 
+def wraps(shares: UInt64[Array, "p ..."]) -> UInt64[Array, "..."]:
+    """How often the sum of additive shares wraps around, all read as signed numbers: the w, modulo 2^64, of
+    x_0 + ... + x_{P-1} = x + 2^64 w.
+    """
+    total, count = shares[0], jnp.zeros(shares.shape[1:], jnp.uint64)
+    for share in shares[1:]:
+        previous, total = total, total + share
+        # Two numbers of one sign overflow when their sum has the other.
+        over = ~(previous ^ share) & (previous ^ total)
+        sign = (previous >> 63 << 1) - 1  # -1 after positive numbers; the carry is +1
+        count -= jnp.where(over >> 63 == 1, sign, 0)
+    return count
+
+
 def share_ring(key: Array, x: UInt64[Array, "..."], parties: int) -> UInt64[Array, "p ..."]:
     """Fresh additive shares of ring elements for `parties` >= 2 parties, from `key` alone."""
     require_parties(parties)

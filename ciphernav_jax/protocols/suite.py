@@ -3,13 +3,14 @@
 from dataclasses import dataclass, fields
 from typing import Literal, get_args, get_type_hints
 
+from ciphernav_jax.ring.random import Generator
+
 Multiplication = Literal["beaver", "ideal"]
 Truncation = Literal["probabilistic", "local", "wrap-count", "nearest", "floor", "ideal"]
 Comparison = Literal["masked", "masked-words", "resharing", "ideal"]
 Adder = Literal["carry-tree", "kogge-stone", "brent-kung", "ripple"]
 Argmax = Literal["pairwise", "tree"]
 Opened = Literal["argmax", "logits"]
-Generator = Literal["threefry", "chacha20"]
 
 
 @dataclass(frozen=True)

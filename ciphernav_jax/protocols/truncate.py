@@ -1,22 +1,35 @@
 """Truncation: from v * 2^(f + shift) to v * 2^f after a product.
 
-| variant | error (units of the result) | bias | fails | parties | opened |
-|---|---|---|---|---|---|
-| `probabilistic` (default) | below 1 | 0 | never, for |x| < 2^62 | any | x + r, uniform |
-| `local` | below 1 | 0 | with probability |x| / 2^64, by 2^(64 - shift) | 2 | nothing |
+| variant | error (units of the result) | bias | fails | parties | opened | rounds |
+|---|---|---|---|---|---|---|
+| `probabilistic` (default) | below 1 | 0 | never, for |x| < 2^62 | any | x + r | 1 |
+| `nearest` | at most 1/2 | 0 (halves go up) | never, for x < 2^62 - 2^shift / 2 | any | x + r, bits | 6 |
+| `floor` | below 1 | -1/2 | never, for |x| < 2^62 | any | x + r, bits | 6 |
+| `wrap_count` | below P | 0 | with probability |x| / 2^64, by 2^(64 - shift) | any | every x_i + r_i | 1 |
+| `local` | below 1 | 0 | with probability |x| / 2^64, by 2^(64 - shift) | 2 | nothing | 0 |
 
-A failed local truncation puts a value of the order of the whole ring in place of a small one. With 16
-fractional bits a product of value v fails with probability |v| 2^-32: rare for one, certain over a long
-training. Its bias of 0 is that of the truncations that do not fail.
+A failure puts a value of the order of the whole ring in place of a small one. With 16 fractional bits a
+product of value v fails with probability |v| 2^-32: rare for one, certain over a long training. Biases are of
+the truncations that do not fail. The bias of `floor` is small against every value and yet ruins training: a
+weight's updates are all too low by half a unit, step after step.
+
+All are private in that whatever is opened is uniform and independent of the secrets. In the stricter sense of
+simulation `nearest`, `floor` and `local` are secure too: their result is a function of the secret, or local.
+`probabilistic` and `wrap_count` are not for a functionality that rounds independently of what the parties
+see: what is opened is correlated with how the result is rounded, so a party that later learns the result
+learns something of the low bits of the mask (Li et al., *Efficient 3PC for binary circuits with application
+to maliciously-secure DNN inference*, USENIX Security 2023, for the former).
 """
 
 import jax.numpy as jnp
 from jax import Array, lax
 from jaxtyping import UInt64
 
-from ciphernav_jax.protocols.dealer import Dealer, Dealt, Mask
+from ciphernav_jax import ring
+from ciphernav_jax.protocols import compare, convert, sharing
+from ciphernav_jax.protocols.dealer import Dealer, Dealt, Mask, WrapCount
 from ciphernav_jax.protocols.masked import Masked, Term
-from ciphernav_jax.protocols.party import AXIS, labelled, open_sum
+from ciphernav_jax.protocols.party import AXIS, from_party_zero, labelled, open_shares, open_sum
 
 # Added before opening, so that a signed x in [-2^62, 2^62) becomes an unsigned one below 2^63.
 OFFSET_BITS = 62
@@ -46,6 +59,69 @@ def probabilistic(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> Masked
     """
     mask = dealer.take(Mask(x.shape, shift))
     return from_opening(open_sum(x + mask["mask"]), mask, shift)
+
+
+@labelled
+def floor(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> Masked:
+    """Exact truncation downward: floor(x / 2^shift) for a signed x in [-2^62, 2^62).
+
+    1. - 3. as `probabilistic`, with a mask whose low bits are shared too: the result y is one too high
+       exactly when those bits exceed those of c;
+    4. [w] = [c mod 2^shift < r mod 2^shift] by a carry tree, converted to a ring element; subtract it.
+
+    Opened: c, the tree's masked words and the masked bit, all uniform. Rounds: 6 for shifts of 17 to 32 (1,
+    the levels of the tree, whose first the dealer pays for, 1). Correlated randomness for each value: one
+    `Mask` with shift and bits, the tree's `AndTriple`s, one of `SharedBits`. Error: below 1 unit, always
+    downward; bias -1/2 for an x whose low bits are uniform. Failure: none in range.
+    Source: Escudero et al., CRYPTO 2020, section 5 (deterministic truncation).
+    """
+    mask = dealer.take(Mask(x.shape, shift, bits=shift, pairs=shift // 2))
+    c = open_sum(x + mask["mask"])
+    high = from_opening(c, mask, shift)
+    if not shift:
+        return high
+    borrowed = compare.borrow(dealer, ring.bit_slice(c)[:shift], mask["bits"], pairs=mask.shares.get("pairs"))
+    bit = convert.to_ring_bit(dealer, borrowed, c.shape)
+    minus = tuple(term.negated() for term in bit.terms)
+    return Masked(high.public - bit.public, high.terms + minus)
+
+
+@labelled
+def nearest(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> Masked:
+    """Exact truncation to the nearest, halves upward: `floor` of x + 2^(shift - 1). Otherwise as `floor`.
+
+    Error: at most half a unit; bias 2^-(shift + 1) units for an x whose low bits are uniform.
+    """
+    half = jnp.full(x.shape, 1 << shift >> 1, jnp.uint64)
+    return floor(dealer, x + from_party_zero(half), shift)
+
+
+@labelled
+def wrap_count(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> UInt64[Array, "..."]:
+    """Each party truncates its own share toward zero; what the shares' sum wraps around is counted and
+    taken off. CrypTen's truncation.
+
+    Read as signed numbers, x_0 + ... + x_{P-1} = x + 2^64 w.
+
+    1. take r_i, uniform, known to party i alone, and [wraps of r];
+    2. open every z_i = x_i + r_i mod 2^64; party i keeps b_i, whether that sum wrapped;
+    3. [w] = wraps(z) + [b] - [wraps of r], unless x + r wrapped around itself;
+    4. [y] = trunc(x_i / 2^shift) - 2^(64 - shift) [w].
+
+    Opened: every z_i, uniform. Rounds: 1. Correlated randomness: one `WrapCount`. Error: below P units (one
+    for each share; standard deviation sqrt(P / 3)), bias 0. Failure: with probability |x| / 2^64 the sum
+    x + r wraps, and the result is off by 2^(64 - shift).
+    Source: Knott et al., *CrypTen*, NeurIPS 2021, appendix C.
+    """
+    if not shift:
+        return x
+    mask = dealer.take(WrapCount(x.shape, lax.axis_size(AXIS)))
+    z = x + mask["mask"]
+    own = sharing.wraps(jnp.stack([x, mask["mask"]]))
+    total = from_party_zero(sharing.wraps(open_shares(z))) + own - mask["wraps"]
+    signed = lax.bitcast_convert_type(x, jnp.int64)
+    toward_zero = (signed + jnp.where(signed < 0, (1 << shift) - 1, 0)) >> shift
+    return lax.bitcast_convert_type(toward_zero, jnp.uint64) - (total << (64 - shift))
 
 
 def from_opening(c: UInt64[Array, "..."], mask: Dealt, shift: int) -> Masked:

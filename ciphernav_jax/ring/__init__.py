@@ -5,6 +5,7 @@ Ring elements are uint64 arrays, so `+`, `-`, `*` and unary `-` are already the 
 - `fixed_point`: floats to ring elements and back.
 - `linear`: matrix products and `dot_general` modulo 2^64.
 - `bits`: bit slicing, the most significant bit.
+- `threefry`, `chacha`: the block functions of two generators.
 - `random`: uniform ring elements, many arrays from one draw.
 """
 

@@ -2,12 +2,14 @@
 
 XLA's own uint64 products run at about 1 G multiply-adds/s on two cores, its float64 products at
 40. So a ring element is written in three balanced 22-bit limbs, x = x0 + 2^22 x1 + 2^44 x2 with
-|xi| <= 2^21, and
+|x0|, |x1| <= 2^21 and |x2| <= 2^19, and
 
-    x y = x0 y0 + 2^22 (x0 y1 + x1 y0) + 2^44 (x0 y2 + x1 y1 + x2 y0)   (mod 2^64),
+    x y = x0 y0 + 2^22 (x0 y1 + x1 y0) + 2^44 (x0 y2 + x1 y1 + x2 y0)   (mod 2^64).
 
-six float64 products instead of nine: the other three are multiples of 2^66. A product of two limbs is at
-most 2^42, so three sums of `MAX_CONTRACTION` of them stay below 2^53 and every float is an exact integer.
+The three products of nine that are missing are multiples of 2^66. The middle sum comes from products that are
+there and one more (Karatsuba and Ofman 1962): x0 y1 + x1 y0 = (x0 + x1)(y0 + y1) - x0 y0 - x1 y1. That is
+five float64 products. The largest term is (x0 + x1)(y0 + y1), at most 2^44, so a sum of `MAX_CONTRACTION` of
+them is at most 2^53, and every float an exact integer.
 """
 
 import math
@@ -17,20 +19,19 @@ from jax import Array, lax
 from jaxtyping import UInt64
 
 LIMB = 22
-MAX_CONTRACTION = 2 ** (53 - 2 * (LIMB - 1)) // 3
+MAX_CONTRACTION = 2 ** (53 - 2 * LIMB)
 
 DimensionNumbers = tuple[tuple[tuple[int, ...], tuple[int, ...]], tuple[tuple[int, ...], tuple[int, ...]]]
 
 
 def _limbs(x: UInt64[Array, "..."]) -> tuple[Array, Array, Array]:
-    """float64 (x0, x1, x2) with x = x0 + 2^22 x1 + 2^44 x2 mod 2^64, each |xi| <= 2^21."""
+    """float64 (x0, x1, x2) with x = x0 + 2^22 x1 + 2^44 x2 mod 2^64, |x0|, |x1| <= 2^21, |x2| <= 2^19."""
     rest = lax.bitcast_convert_type(x, jnp.int64)
-    limbs = []
-    for unused in (64 - LIMB, 64 - LIMB, LIMB - 2):  # the top limb has the 20 bits that are left
-        limb = (rest << unused) >> unused
-        limbs.append(limb.astype(jnp.float64))
-        rest = (rest - limb) >> LIMB
-    return tuple(limbs)  # pyright: ignore[reportReturnType]
+    low = (rest << (64 - LIMB)) >> (64 - LIMB)
+    rest = (rest - low) >> LIMB
+    middle = (rest << (64 - LIMB)) >> (64 - LIMB)
+    high = (rest - middle) >> LIMB
+    return low.astype(jnp.float64), middle.astype(jnp.float64), high.astype(jnp.float64)
 
 
 def _to_ring(x: Array) -> UInt64[Array, "..."]:
@@ -69,15 +70,16 @@ def dot_general(
 
 
 def _batched_matmul(x: UInt64[Array, "*b m k"], y: UInt64[Array, "*b k n"]) -> UInt64[Array, "*b m n"]:
-    """x @ y mod 2^64 for k <= MAX_CONTRACTION. The limbs of y stand side by side: three products, not six."""
+    """x @ y mod 2^64 for k <= MAX_CONTRACTION. The two products of x0 are one, of y0 and y2 side by side."""
     n, last = y.shape[-1], y.ndim - 1
     x0, x1, x2 = _limbs(x)
     y0, y1, y2 = _limbs(y)
     numbers = (((last,), (last - 1,)), (tuple(range(last - 1)), tuple(range(last - 1))))
-    p = lax.dot_general(x0, lax.concatenate([y0, y1, y2], last), numbers)
-    q = lax.dot_general(x1, lax.concatenate([y0, y1], last), numbers)
+    p = lax.dot_general(x0, lax.concatenate([y0, y2], last), numbers)
+    q = lax.dot_general(x1, y1, numbers)
     r = lax.dot_general(x2, y0, numbers)
-    low, middle, high = p[..., :n], p[..., n : 2 * n] + q[..., :n], p[..., 2 * n :] + q[..., n:] + r
+    s = lax.dot_general(x0 + x1, y0 + y1, numbers)
+    low, middle, high = p[..., :n], s - p[..., :n] - q, p[..., n:] + q + r
     return _to_ring(low) + (_to_ring(middle) << LIMB) + (_to_ring(high) << 2 * LIMB)
 
 

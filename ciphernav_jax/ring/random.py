@@ -1,63 +1,142 @@
-"""Uniform ring elements.
+"""Uniform ring elements from a counter-based generator, threefry or chacha20.
 
-The generator is XLA's counter-based Threefry-2x32 with 20 rounds (Salmon et al., *Parallel random numbers:
-as easy as 1, 2, 3*, SC 2011), on a 64-bit key: fast, reproducible, the same on every backend, and **not** a
-vetted cryptographic generator. A simulation needs uniform, independent words; a deployment needs a dealer
-with a cipher and a 128-bit key.
+Both encrypt the numbers 0, 1, 2, ... under the key: the words are reproducible, the same on every backend.
+
+- **threefry**: Threefry-2x32 with 20 rounds under a 64-bit key, to which a longer one is hashed; the cipher
+  of JAX's own keys. It passes BigCrush, but is **not** a vetted cryptographic generator.
+- **chacha20**: the stream cipher of RFC 8439, five to seven times slower. Its 256-bit key is the key's data
+  followed by zeros: no stronger than that data, 64 bits in JAX's default keys and 128 in `rbg` keys.
+
+A simulation needs uniform, independent words, and either gives them. A deployment needs a dealer with a
+cipher and a secret key of at least 128 bits, made by the operating system and not by a seed.
 """
 
 import itertools
 import math
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from typing import Literal, get_args
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 from jaxtyping import UInt64
 
+from ciphernav_jax.ring import chacha, threefry
 from ciphernav_jax.ring.fixed_point import require_x64
 
-# Words in one call of the generator: 1 MB, which stays in the cache.
-PIECE = 1 << 17
+Generator = Literal["threefry", "chacha20"]
+Halves = tuple[Array, Array]
+
+MAX_WORDS = 1 << 32
 
 
-def draw(key: Array, shapes: Sequence[tuple[int, ...]]) -> list[UInt64[Array, "..."]]:
+def draw(
+    key: Array, shapes: Sequence[tuple[int, ...]], generator: Generator = "threefry"
+) -> list[UInt64[Array, "..."]]:
     """Independent uniform uint64 arrays of the given shapes, cut in order from one stream of words.
 
-    The stream is made in a `scan`. XLA compiles the generator once for it however many arrays there are, and
-    keeps its output: it would otherwise fuse the generator into, and run it again for, each use of the words.
+    Under `vmap` each key has the stream that it has alone.
 
     Args:
-        key: a JAX random key. The same key and shapes give the same words.
-        shapes: the shapes wanted.
+        key: a JAX random key, of 64 or 128 bits. The same key, shapes and generator give the same words.
+        shapes: the shapes wanted, of at most 2^32 words together; a stream does not repeat within them.
+        generator: "threefry" or "chacha20"; see the module's docstring.
+
+    Raises:
+        ValueError: more words than that, several keys, a key of another length, or an unknown generator.
+        RuntimeError: 64-bit types are switched off.
     """
     require_x64()
-    sizes = [math.prod(shape) for shape in shapes]
+    if generator not in _STREAMS:
+        raise ValueError(f"unknown generator {generator!r}; choose one of {', '.join(get_args(Generator))}")
     if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         key = jax.random.wrap_key_data(key)
-    # One key at a time under vmap: XLA's generator would serve a batch of keys from the first of them.
-    stream = jax.custom_batching.sequential_vmap(partial(_stream, count=sum(sizes)))
-    words = stream(jax.random.key_data(key))
-    starts = [0, *itertools.accumulate(sizes)]
+    if key.shape:
+        raise ValueError(f"draw takes one key, got {key.shape}; use jax.vmap for several")
+    data = jax.random.key_data(key).astype(jnp.uint32).reshape(-1)
+    if data.size not in (2, 4):
+        raise ValueError(f"draw takes keys of 64 or 128 bits, got {32 * data.size} bits ({key.dtype})")
+
+    sizes = [math.prod(shape) for shape in shapes]
+    if sum(sizes) > MAX_WORDS:
+        raise ValueError(f"cannot draw {sum(sizes)} words from one key: at most 2^32. Split the key.")
+    rows = _STREAMS[generator](list(data), sum(sizes))
+    starts = itertools.accumulate(sizes, initial=0)
     return [
-        lax.slice(words, (start,), (start + size,)).reshape(shape)
+        _cut(rows, start, start + size).reshape(shape)
         for start, size, shape in zip(starts, sizes, shapes, strict=False)
     ]
 
 
-def _stream(key_data: Array, count: int) -> UInt64[Array, " count"]:
-    words = key_data.astype(jnp.uint32).reshape(-1)
+def _cut(rows: list[UInt64[Array, " n"]], start: int, stop: int) -> UInt64[Array, " stop-start"]:
+    """The words from start to stop of rows laid end to end. Few arrays span two rows; the rest are slices."""
+    n = rows[0].size
+    parts = [
+        lax.slice(row, (max(start - i * n, 0),), (min(stop - i * n, n),))
+        for i, row in enumerate(rows)
+        if start < (i + 1) * n and stop > i * n
+    ]
+    return jnp.concatenate(parts or [jnp.zeros(0, jnp.uint64)])
+
+
+def _threefry(key: list[Array], count: int) -> list[UInt64[Array, " count"]]:
+    """One row of words."""
+    if len(key) == 4:
+        key = list(threefry.block(key[:2], key[2:]))
     # The counter starts at 2^63. `jax.random` derives keys and bits from the same block function with small
     # counters: from 0, the first word drawn from a key would be the key that split or fold_in makes of it.
-    state = jnp.concatenate([words, jnp.array([0, 1 << 31], jnp.uint32)])[:4]
+    return _kept(lambda i: [threefry.block(key, (i, jnp.uint32(1 << 31)))], count)
 
-    # At least two steps: XLA unrolls a loop of one, and then fuses it as above.
-    piece = min(PIECE, -(-count // 2))
-    steps = -(-count // piece) if piece else 0
 
-    def step(state, _):
-        return lax.rng_bit_generator(state, (piece,), jnp.uint64, algorithm=lax.RandomAlgorithm.RNG_THREE_FRY)
+def _chacha20(key: list[Array], count: int) -> list[UInt64[Array, " n"]]:
+    """Eight rows: the first words of all blocks, then the second words, and so on. To interleave is slow."""
+    zero = jnp.uint32(0)
+    key = key + [zero] * (8 - len(key))
 
-    _, uniform = lax.scan(step, state, length=steps)
-    return uniform.reshape(-1)[:count]
+    def pairs(i: Array) -> list[Halves]:
+        words = chacha.block(key, (i, zero, zero, zero))
+        return list(zip(words[0::2], words[1::2], strict=True))
+
+    return _kept(pairs, -(-count // 8))
+
+
+_STREAMS: dict[str, Callable[[list[Array], int], list[Array]]] = {
+    "threefry": _threefry,
+    "chacha20": _chacha20,
+}
+
+
+def _kept(pairs: Callable[[Array], list[Halves]], count: int) -> list[UInt64[Array, " count"]]:
+    """`pairs` of the numbers 0 ... count - 1, joined to uint64 words, low half first; computed once.
+
+    XLA's CPU backend fuses a generator into, and so runs it again for, each use of its words, unless these
+    are the result of a loop. So they are the result of a loop of one step; what its number of steps is,
+    `optimization_barrier` hides from the compiler, which would unroll it. (A `scan` would keep the words too,
+    but XLA writes its outputs on one core.)
+
+    The two halves of a word leave the loop as a complex number, of which nothing but the bits matters.
+    A fusion has one result, so two halves would take two runs of the generator; and joined to a uint64
+    inside, they would make XLA compute with half as many uint32 lanes as a vector register has.
+    """
+
+    def step(state):
+        i, _ = state
+        numbers = (
+            lax.iota(jnp.uint32, count) + i
+        )  # inside the loop and dependent on it: not hoisted out of it
+        return i + np.uint32(1), [lax.complex(_as_float(a), _as_float(b)) for a, b in pairs(numbers)]
+
+    results = jax.eval_shape(step, (jnp.uint32(0), None))[1]
+    empty = [jnp.zeros(count, result.dtype) for result in results]
+    start = lax.optimization_barrier(jnp.uint32(0))
+    _, kept = lax.while_loop(lambda state: state[0] < 1, step, (start, empty))
+    return [_as_word(lax.real(z)) | _as_word(lax.imag(z)) << np.uint64(32) for z in kept]
+
+
+def _as_float(half: Array) -> Array:
+    return lax.bitcast_convert_type(half, jnp.float32)
+
+
+def _as_word(half: Array) -> Array:
+    return lax.bitcast_convert_type(half, jnp.uint32).astype(jnp.uint64)

@@ -6,10 +6,27 @@
 - `loops`: the rules of scan, while and cond.
 - `secure`: the jaxpr evaluator; `secure` and `deploy`.
 - `simulate`: floats to floats through the protocol, differentiable.
+- `cost`: rounds, bytes and correlated randomness of a function, from its trace.
+- `transcript`: every message of a call.
 """
 
 from ciphernav_jax.secret.array import Secret, reveal, share
+from ciphernav_jax.secret.cost import LAN, WAN, Cost, Network, cost
 from ciphernav_jax.secret.secure import deploy, secure
 from ciphernav_jax.secret.simulate import simulate
+from ciphernav_jax.secret.transcript import transcript
 
-__all__ = ["Secret", "deploy", "reveal", "secure", "share", "simulate"]
+__all__ = [
+    "LAN",
+    "WAN",
+    "Cost",
+    "Network",
+    "Secret",
+    "cost",
+    "deploy",
+    "reveal",
+    "secure",
+    "share",
+    "simulate",
+    "transcript",
+]

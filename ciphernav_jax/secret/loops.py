@@ -231,7 +231,8 @@ def while_loop(
 
     def iterate(state):
         i, carry = state
-        carry, _ = body(take_on_call(seed, body.plan, i), carry, [])
+        shares = take_on_call(seed, body.plan, i, context.protocol.generator)
+        carry, _ = body(shares, carry, [])
         return i + 1, carry
 
     def goes_on(state):

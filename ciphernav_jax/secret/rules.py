@@ -414,17 +414,20 @@ def _select(context: Context, which: Operand, *cases: Operand) -> Operand:
 
 @rule("argmax")
 def _argmax(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Value:
-    """The index of the largest entry, the first of equals, without opening anything but masked words.
-
-    Every pair is compared at once; the entry that wins n - 1 times is the largest. Two comparisons deep.
-    """
+    """The index of the largest entry, the first of equals, without opening anything but masked words."""
     (axis,) = axes
-    entries = jnp.moveaxis(x.share, axis, -1)
+    entries = Value(context, x.frac_bits, share=jnp.moveaxis(x.share, axis, -1))
     n = entries.shape[-1]
     if n == 1:
         return Value(context, 0, share=jnp.zeros(entries.shape[:-1], jnp.uint64))
+    return (_tournament if context.protocol.argmax == "tree" else _pairwise)(context, entries)
+
+
+def _pairwise(context: Context, x: Value) -> Value:
+    """Every pair is compared at once; who wins n - 1 times is the largest: two comparisons deep."""
+    n = x.shape[-1]
     low, high = np.triu_indices(n, 1)
-    later_wins = Value(context, x.frac_bits, share=entries[..., high] - entries[..., low]).positive
+    later_wins = Value(context, x.frac_bits, share=x.share[..., high] - x.share[..., low]).positive
     lost = np.zeros((len(low), n), np.int64)
     lost[np.arange(len(low)), low] = 1
     lost[np.arange(len(low)), high] = -1
@@ -435,6 +438,28 @@ def _argmax(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> V
     beaten = losses.positive
     index = times_constant(_not(context, beaten), np.arange(n))
     return Value(context, index.frac_bits, share=jnp.sum(index.share, axis=-1, dtype=jnp.uint64))
+
+
+def _tournament(context: Context, x: Value) -> Value:
+    """Neighbours are compared, and the winners again: n - 1 comparisons, ceil(log2 n) deep."""
+
+    def part(value: Value, index: slice) -> Value:
+        return Value(context, value.frac_bits, share=value.share[..., index])
+
+    numbers = jnp.broadcast_to(jnp.arange(x.shape[-1], dtype=jnp.uint64), x.shape)
+    index = _to_value(context, numbers, 0)
+    while (n := x.shape[-1]) > 1:
+        even = n // 2 * 2
+        lower, upper = slice(0, even, 2), slice(1, even, 2)
+        difference = _sub(context, part(x, upper), part(x, lower))
+        largest = _add(context, difference.relu, part(x, lower))
+        where_largest = where(difference.positive, part(index, upper), part(index, lower))
+        rest = slice(even, n)
+        joined = (align(largest, part(x, rest)), (where_largest, part(index, rest)))
+        x, index = (
+            Value(context, a.frac_bits, share=jnp.concatenate([a.share, b.share], axis=-1)) for a, b in joined
+        )
+    return Value(context, 0, share=index.share[..., 0])
 
 
 @rule("argmin")

@@ -20,21 +20,13 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 from jax.sharding import Mesh
 
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.protocols.jaxprs import wrapped
 from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
 from ciphernav_jax.secret.array import Secret
 from ciphernav_jax.secret.loops import LOOPS
 from ciphernav_jax.secret.rules import RULES, Unsupported, at_rest
 from ciphernav_jax.secret.value import Context, Value
-
-# Primitives that only wrap a jaxpr, and the parameter that holds it.
-INLINED = {
-    "jit": "jaxpr",
-    "closed_call": "call_jaxpr",
-    "custom_jvp_call": "call_jaxpr",
-    "custom_vjp_call": "call_jaxpr",
-    "remat2": "jaxpr",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +41,14 @@ class Secure:
     def __post_init__(self):
         # jit keeps public arguments abstract, so that what a program asks the dealer for never depends on
         # them.
-        object.__setattr__(self, "_jitted", jax.jit(self._evaluate))
+        object.__setattr__(self, "_jitted", jax.jit(self.evaluate))
 
     def __call__(self, key: Array, *args: Any) -> Any:
         """Evaluates the function; `key` is the dealer's random key, fresh for each call."""
+        return self._jitted(key, self.checked(key, args))
+
+    def checked(self, key: Array, args: tuple[Any, ...]) -> tuple[Any, ...]:
+        """The arguments of a call, ready to be traced; raises where `key` is no key."""
         require_x64()
         if not isinstance(key, jax.Array) or not (
             jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or key.dtype == jnp.uint32
@@ -61,12 +57,14 @@ class Secure:
                 "the first argument of a secure function is the dealer's random key, "
                 f"jax.random.key(seed), got {type(key).__name__}"
             )
-        args = jax.tree.map(
+        return jax.tree.map(
             lambda x: x if isinstance(x, Secret) else no_gradient(x), args, is_leaf=_is_secret
         )
-        return self._jitted(key, args)
 
-    def _evaluate(self, key: Array, args: tuple[Any, ...]) -> Any:
+    def evaluate(self, key: Array, args: tuple[Any, ...], run: Callable[..., Any] = run) -> Any:
+        """Traces the function and has its program run: `run(program, key, parties, private, public, mesh,
+        generator)` is that of `protocols.run`, or another that looks at what passes.
+        """
         key = _key_of_each(key, args)
         leaves, tree = jax.tree.flatten(args, is_leaf=_is_secret)
         leaves = [x.party_first() if isinstance(x, Secret) else x for x in leaves]
@@ -86,7 +84,8 @@ class Secure:
                 for x in leaves
             ]
             results = _evaluate_jaxpr(context, jaxpr.jaxpr, jaxpr.consts, values)
-            results = [_finish(x, out.dtype) for x, out in zip(results, outputs, strict=True)]
+            with jax.named_scope("primitive:output"):
+                results = [_finish(x, out.dtype) for x, out in zip(results, outputs, strict=True)]
             made[:] = [x.frac_bits if isinstance(x, Value) else None for x in results]
             return (
                 [x.share for x in results if isinstance(x, Value)],
@@ -100,6 +99,7 @@ class Secure:
             [x.shares for x in secrets],
             [x for x in leaves if not isinstance(x, Secret)],
             self.mesh,
+            self.protocol.generator,
         )
         private, public = iter(private), iter(public)
         results = [
@@ -171,6 +171,11 @@ def deploy(step: Secure, mesh: Mesh) -> Secure:
         is computed from `key` by every process, which stands in for a dealer that hands each party its own: a
         test of the program on real messages, not yet a deployment among parties that distrust one another.
     """
+    if step.protocol.ideal:
+        raise ValueError(
+            f"an ideal variant is no protocol that parties could carry out ({step.protocol}). "
+            "Deploy a step with real variants."
+        )
     return replace(step, mesh=mesh)
 
 
@@ -221,12 +226,8 @@ def _evaluate_jaxpr(context: Context, jaxpr: Jaxpr, consts: list[Any], args: lis
         operands = [read(atom) for atom in eqn.invars]
         if not any(isinstance(x, Value) for x in operands):
             write(eqn.outvars, _evaluate_public(eqn, operands))
-        elif eqn.primitive.name in INLINED:
-            inner = eqn.params[INLINED[eqn.primitive.name]]
-            inner, inner_consts = (
-                (inner.jaxpr, inner.consts) if isinstance(inner, ClosedJaxpr) else (inner, [])
-            )
-            write(eqn.outvars, _evaluate_jaxpr(context, inner, inner_consts, operands))
+        elif (inner := wrapped(eqn)) is not None:
+            write(eqn.outvars, _evaluate_jaxpr(context, *inner, operands))
         else:
             result = _apply_rule(context, eqn, operands)
             write(eqn.outvars, result if eqn.primitive.multiple_results else [result])
@@ -257,11 +258,13 @@ def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
     name = eqn.primitive.name
     try:
         if name in LOOPS:
-            return LOOPS[name](_evaluate_closed, context, *operands, **eqn.params)
+            with jax.named_scope(f"primitive:{name}"):
+                return LOOPS[name](_evaluate_closed, context, *operands, **eqn.params)
         if name not in RULES:
             raise Unsupported("it has no rule")
         _check_dtype(name, eqn)
-        return RULES[name](context, *operands, **eqn.params)
+        with jax.named_scope(f"primitive:{name}"):
+            return RULES[name](context, *operands, **eqn.params)
     except Unsupported as problem:
         place = source_info_util.summarize(eqn.source_info)
         raise NotImplementedError(

@@ -7,7 +7,7 @@ that each is computed once however often it is used: in the backward pass, say.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +15,7 @@ from jax import Array
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
-from ciphernav_jax.protocols import Protocol, compare, masked, multiply, truncate
+from ciphernav_jax.protocols import Protocol, compare, ideal, masked, multiply, truncate
 from ciphernav_jax.protocols import relu as relus
 from ciphernav_jax.protocols.dealer import Dealer
 from ciphernav_jax.protocols.masked import Masked
@@ -74,10 +74,21 @@ class Value:
         shift = self.frac_bits - protocol.frac_bits
         if shift <= 0:
             return self
-        if protocol.truncation == "local":
-            return self._new(protocol.frac_bits, truncate.local(self.share, shift))
-        form = truncate.probabilistic(self.context.dealer, self.share, shift)
-        return Value(self.context, protocol.frac_bits, form=form)
+        dealer, share, form = self.context.dealer, None, None
+        match protocol.truncation:
+            case "probabilistic":
+                form = truncate.probabilistic(dealer, self.share, shift)
+            case "nearest":
+                form = truncate.nearest(dealer, self.share, shift)
+            case "floor":
+                form = truncate.floor(dealer, self.share, shift)
+            case "wrap-count":
+                share = truncate.wrap_count(dealer, self.share, shift)
+            case "local":
+                share = truncate.local(self.share, shift)
+            case "ideal":
+                share = ideal.ideal_truncation(dealer, self.share, shift)
+        return Value(self.context, protocol.frac_bits, share=share, form=form)
 
     def lifted(self, frac_bits: int) -> "Value":
         """This value with more fractional bits: shifted left. Local, exact."""
@@ -114,19 +125,37 @@ class Value:
         """This value open under one uniform mask."""
         return masked.open_masked(self.context.dealer, self.share)
 
+    @property
+    def _circuit(self) -> compare.Circuit:
+        """How this value's sign is found; integers keep the whole range."""
+        protocol, sign_bit = self.context.protocol, 63
+        if protocol.range_bits is not None and self.frac_bits:
+            sign_bit = min(sign_bit, protocol.range_bits + self.frac_bits)
+        layout = "words" if protocol.comparison == "masked-words" else "sliced"
+        return compare.Circuit(layout, protocol.adder, sign_bit)
+
     @cached_property
     def positive(self) -> "Value":
         """The bit x > 0, with no fractional bits."""
-        return Value(self.context, 0, form=compare.positive(self.context.dealer, self.share))
+        dealer = self.context.dealer
+        match self.context.protocol.comparison:
+            case "masked" | "masked-words":
+                form = compare.positive(dealer, self.share, self._circuit)
+            case "resharing":
+                form = compare.resharing(dealer, self.share, self._circuit)
+            case "ideal":
+                return self._new(0, ideal.ideal_positive(dealer, self.share))
+        return Value(self.context, 0, form=form)
 
     @cached_property
     def relu(self) -> "Value":
         """max(x, 0), truncated on the way where the truncation may be absorbed; keeps the bit x > 0."""
         protocol, dealer = self.context.protocol, self.context.dealer
-        shift = 0
-        if protocol.truncation == "probabilistic":
-            shift = max(self.frac_bits - protocol.frac_bits, 0)
-        output, positive = relus.relu(dealer, self.share, shift)
+        shift = max(self.frac_bits - protocol.frac_bits, 0)
+        by_opening = protocol.comparison in ("masked", "masked-words") and protocol.multiplication == "beaver"
+        if not by_opening or (shift and protocol.truncation != "probabilistic"):
+            return self.positive.times(self)
+        output, positive = relus.relu(dealer, self.share, shift, self._circuit)
         self.positive = Value(self.context, 0, form=positive)
         return self._new(self.frac_bits - shift, output)
 
@@ -136,6 +165,10 @@ class Value:
 
     def times(self, other: "Value") -> "Value":
         """The elementwise product, with the fractional bits of both."""
+        if self.context.protocol.multiplication == "ideal":
+            a, b = self.settled, other.settled
+            share = ideal.ideal_product(self.context.dealer, a.share, b.share, jnp.multiply)
+            return self._new(a.frac_bits + b.frac_bits, share)
         if self.is_bit() or other.is_bit():
             bit, value = (self, other.settled) if self.is_bit() else (other, self.settled)
             left, right = bit.form, value.form or value.opened
@@ -150,8 +183,12 @@ class Value:
 
     def dot_general(self, other: "Value", dimension_numbers: DimensionNumbers) -> "Value":
         """The tensor product, with the fractional bits of both."""
-        a, b = self.settled, other.settled
-        share = multiply.dot_general(self.context.dealer, a.opened, b.opened, dimension_numbers)
+        a, b, dealer = self.settled, other.settled, self.context.dealer
+        if self.context.protocol.multiplication == "ideal":
+            product = partial(ring.dot_general, dimension_numbers=dimension_numbers)
+            share = ideal.ideal_product(dealer, a.share, b.share, product)
+        else:
+            share = multiply.dot_general(dealer, a.opened, b.opened, dimension_numbers)
         return self._new(a.frac_bits + b.frac_bits, share)
 
 

@@ -94,6 +94,9 @@ def test_secret_training_and_driving_follow_plaintext(world, teacher, tmp_path):
     np.testing.assert_array_equal(chosen, opened)
     public = secret_policy(cn.reveal(secret.weights), seen, jax.random.key(1), 3)(0, start, heading)
     np.testing.assert_array_equal(public, opened)
+    logits = cn.Protocol(opened="logits")
+    shown = secret_policy(secret.weights, seen, jax.random.key(1), 2, logits)(0, start, heading)
+    np.testing.assert_array_equal(shown, opened)
 
 
 def test_a_finished_training_is_not_done_twice(world, tmp_path):

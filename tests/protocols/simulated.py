@@ -4,16 +4,15 @@ The programs of these tests are `program(dealer, *shares) -> shares`. Secrets ar
 expected values are computed from Python's integers.
 """
 
-import contextlib
 import functools
 import itertools
-from unittest import mock
 
 import jax
 import numpy as np
 from scipy import stats
 
-from ciphernav_jax.protocols import compare, convert, masked, multiply, relu, sharing, truncate
+from ciphernav_jax.protocols import sharing
+from ciphernav_jax.protocols.record import run_recorded
 from ciphernav_jax.protocols.run import run
 
 MODULUS = 2**64
@@ -38,17 +37,26 @@ def words(seed: int, *shape: int) -> np.ndarray:
     return np.where(rng.random(shape) < 1 / 3, rng.choice(elements(WHOLE_RING), shape), x)
 
 
-def _shared_and_run(program, parties, key, secrets):
+def _shared(key, secrets, parties):
+    """A key for the dealer, and fresh shares of the secrets."""
     keys = jax.random.split(key, len(secrets) + 1)
-    shares = [sharing.share_ring(k, x, parties) for k, x in zip(keys[1:], secrets, strict=True)]
-    return run(lambda dealer, private, _: program(dealer, *private), keys[0], parties, shares, None)
+    return keys[0], [sharing.share_ring(k, x, parties) for k, x in zip(keys[1:], secrets, strict=True)]
+
+
+def _alone(program):
+    """The program with results that are all private."""
+    return functools.wraps(program)(lambda dealer, private, _: (program(dealer, *private), None))
 
 
 @functools.cache
 def on_shares(program, parties: int):
     """Jitted (seed, *secrets) -> the program's results as shares, the party as leading axis."""
-    alone = functools.wraps(program)(lambda dealer, *private: (program(dealer, *private), None))
-    return jax.jit(lambda seed, *secrets: _shared_and_run(alone, parties, jax.random.key(seed), secrets)[0])
+
+    def shares_of_results(seed, *secrets):
+        key, shares = _shared(jax.random.key(seed), secrets, parties)
+        return run(_alone(program), key, parties, shares, None)[0]
+
+    return jax.jit(shares_of_results)
 
 
 @functools.cache
@@ -59,28 +67,13 @@ def on_secrets(program, parties: int):
 
 
 def views(program, parties: int):
-    """Jitted (seed, *secrets) -> (all messages, one row a party, and all opened values), in order."""
+    """Jitted (seed, *secrets) -> all messages, in order."""
 
-    def recorded(dealer, *private):
-        messages, opened = [], []
+    def view(seed, *secrets):
+        key, shares = _shared(jax.random.key(seed), secrets, parties)
+        return run_recorded(_alone(program), key, parties, shares, None)[1]
 
-        def recording(opener):
-            def record(x):
-                messages.append(x)
-                opened.append(opener(x))
-                return opened[-1]
-
-            return record
-
-        with contextlib.ExitStack() as stack:
-            for module in (compare, convert, masked, multiply, relu, truncate):
-                for name in {"open_sum", "open_xor"} & vars(module).keys():
-                    patch = mock.patch.object(module, name, recording(getattr(module, name)))
-                    stack.enter_context(patch)
-            program(dealer, *private)
-        return messages, opened
-
-    return jax.jit(lambda seed, *secrets: _shared_and_run(recorded, parties, jax.random.key(seed), secrets))
+    return jax.jit(view)
 
 
 def uniformity(x) -> float:

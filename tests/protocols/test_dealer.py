@@ -18,6 +18,8 @@ from ciphernav_jax.protocols.dealer import (
     Ref,
     SharedBits,
     Supply,
+    WrapCount,
+    Zero,
     deal,
 )
 from ciphernav_jax.protocols.run import plan, run
@@ -27,8 +29,8 @@ ROWS_BY_COLUMNS = (((1,), (0,)), ((), ()))
 REQUESTS = (
     Mask((3, 5)),
     Mask((5, 2), shift=20),
-    Mask((5, 26), shift=7, bits=True),
-    Mask((70,), bits=True),
+    Mask((5, 26), shift=7, bits=64, pairs=31),
+    Mask((70,), bits=20, pairs=3),
     Product(Ref(0, "mask"), Ref(0, "mask")),
     Product(Ref(2, "high"), Ref(2, "top")),
     DotProduct(Ref(0, "mask"), Ref(1, "mask"), ROWS_BY_COLUMNS),
@@ -36,6 +38,9 @@ REQUESTS = (
     SharedBits((3,), rows=(64,)),
     AndTriple((4, 2), 3),
     Mask(()),
+    Mask((7, 3), shift=20, bits=64, words=True),
+    Zero((4, 3)),
+    Zero((2, 5), xor=True),
 )
 
 
@@ -93,13 +98,38 @@ def test_parts_of_a_mask_belong_to_the_same_mask(parties):
         if request.shift:
             np.testing.assert_array_equal(values["high"], r >> np.uint64(request.shift))
             np.testing.assert_array_equal(values["top"], r >> np.uint64(63))
-        assert ("bits" in values) == request.bits
-        if request.bits:
-            np.testing.assert_array_equal(bits.unpack(values["bits"], request.shape)[0], r & np.uint64(1))
-            np.testing.assert_array_equal(
-                jax.jit(bits.bit_unslice, static_argnums=1)(values["bits"], r.shape), r
-            )
-            np.testing.assert_array_equal(values["pairs"], values["bits"][0::2] & values["bits"][1::2])
+        assert ("bits" in values) == (request.bits > 0)
+        assert ("pairs" in values) == (request.pairs > 0)
+        if request.words:
+            np.testing.assert_array_equal(values["bits"], r)
+        elif request.bits:
+            rows = [r >> np.uint64(i) & np.uint64(1) for i in range(request.bits)]
+            np.testing.assert_array_equal(bits.unpack(values["bits"], request.shape), np.stack(rows))
+            pairs = [rows[2 * i] & rows[2 * i + 1] for i in range(request.pairs)]
+            np.testing.assert_array_equal(bits.unpack(values["pairs"], request.shape), np.stack(pairs))
+
+
+@pytest.mark.parametrize("parties", [*PARTIES, 8])
+def test_shares_of_nothing_are_random_and_give_nothing(parties):
+    for request, values, shares in zip(REQUESTS, joined(parties), dealt(parties), strict=True):
+        if isinstance(request, Zero):
+            assert not values["zero"].any()
+            for mine in shares["zero"]:
+                assert len(np.unique(mine)) == mine.size
+
+
+@pytest.mark.parametrize("parties", [*PARTIES, 8])
+def test_wraps_are_those_of_the_parties_own_numbers(parties):
+    request = WrapCount((300,), parties)
+    asked = plan(lambda dealer, *_: (dealer.take(request).shares, None), parties, None, None)
+    (supply,) = jax.jit(lambda key: deal(key, asked, parties))(jax.random.key(14))
+    assert supply["mask"].shape == (parties, 300)
+    wraps = np.asarray(sharing.join_sum(supply["wraps"])).view(np.int64)
+    for r, wrapped in zip(np.asarray(supply["mask"]).T.view(np.int64), wraps, strict=True):
+        total = sum(map(int, r))
+        inside = (total + 2**63) % 2**64 - 2**63
+        assert total == inside + 2**64 * int(wrapped)
+    assert len(np.unique(wraps)) >= min(parties, 3)
 
 
 @pytest.mark.parametrize("parties", [*PARTIES, 8])
@@ -140,7 +170,7 @@ def test_no_two_uniform_values_of_a_plan_share_a_word():
 def test_all_but_one_party_see_uniform_words_for_every_kind_of_request(parties):
     size = 64 * 64
     requests = (
-        Mask((size,), 20, bits=True),
+        Mask((size,), 20, bits=64, pairs=31),
         Product(Ref(0, "high"), Ref(0, "top")),
         SharedBits((size,)),
         AndTriple((512,), 2),
@@ -198,7 +228,7 @@ def test_randomness_taken_in_a_loop_would_repeat_and_raises(loop):
 
 def test_planning_computes_nothing():
     planner = Planner()
-    jax.eval_shape(lambda: planner.take(Mask((10**9, 10**3), 20, bits=True)).shares)
+    jax.eval_shape(lambda: planner.take(Mask((10**9, 10**3), 20, bits=64)).shares)
     assert planner.plan().shapes[0]["mask"] == (10**9, 10**3)
 
 

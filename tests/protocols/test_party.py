@@ -18,7 +18,8 @@ from ciphernav_jax.protocols import (
     sharing,
     truncate,
 )
-from ciphernav_jax.protocols.run import plan
+from ciphernav_jax.protocols.messages import inner_jaxprs, openings
+from ciphernav_jax.protocols.run import one_partys_jaxpr, online, plan
 
 COUNT = 64 * 128
 
@@ -67,78 +68,63 @@ PROGRAMS = {
     "relu": (fused, 1, 7),
     "to bits and back": (back_and_forth, 1, 8),
 }
-LOCAL_NAME = "axis_index"
-OPENING_NAMES = {"psum", "psum_invariant", "all_gather"}
 
 
-def equations(jaxpr):
-    for equation in jaxpr.eqns:
-        yield equation
-        for value in jax.tree.leaves(list(equation.params.values()), is_leaf=lambda v: hasattr(v, "eqns")):
-            inner = getattr(value, "jaxpr", value)
-            if hasattr(inner, "eqns"):
-                yield from equations(inner)
+def program_of_one_party(program, inputs, parties):
+    """The jaxpr of the online program, its part of the dealer's randomness an input like its shares."""
 
+    def alone(d, private, _):
+        return program(d, *private), None
 
-def one_partys_jaxpr(program, inputs, parties):
-    """The online program of one party, its part of the dealer's randomness an input like its shares."""
-    shapes = [jax.ShapeDtypeStruct((parties, 128), jnp.uint64)] * inputs
-    needed = plan(lambda d, private, _: (program(d, *private), None), parties, shapes, None)
+    shares = [jax.ShapeDtypeStruct((parties, 128), jnp.uint64)] * inputs
+    needed = plan(alone, parties, shares, None)
     supply = [
-        {name: jax.ShapeDtypeStruct(shape, jnp.uint64) for name, shape in values.items()}
+        {name: jax.ShapeDtypeStruct((parties, *shape), jnp.uint64) for name, shape in values.items()}
         for values in needed.shapes
     ]
-
-    def online(supply, *private):
-        return program(dealer.Supply(needed, supply), *private)
-
-    mine = [jax.ShapeDtypeStruct((128,), jnp.uint64)] * inputs
-    return jax.make_jaxpr(online, axis_env=[(party.AXIS, parties)])(supply, *mine)
+    return one_partys_jaxpr(online(alone, needed), parties, (supply, shares), None)[0]
 
 
-def crossing(jaxpr):
-    """Names of the primitives that know the party axis."""
-    return [
-        e.primitive.name
-        for e in equations(jaxpr.jaxpr)
-        if party.AXIS in jax.tree.leaves([e.params.get(k) for k in ("axes", "axis_name", "axis_names")])
-    ]
+def primitives(jaxpr):
+    for equation in jaxpr.eqns:
+        yield equation.primitive.name
+        for inner in inner_jaxprs(equation):
+            yield from primitives(inner)
+
+
+def draws(jaxpr):
+    return [n for n in primitives(jaxpr) if any(word in n for word in ("random", "rng", "threefry"))]
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_only_openings_cross_parties_and_as_often_as_stated(name):
-    program, inputs, openings = PROGRAMS[name]
-    names = crossing(one_partys_jaxpr(program, inputs, 2))
-    assert set(names) <= OPENING_NAMES | {LOCAL_NAME}
-    assert len([n for n in names if n != LOCAL_NAME]) == openings
+    program, inputs, stated = PROGRAMS[name]
+    found = openings(program_of_one_party(program, inputs, 2))
+    assert len(found) == stated
+    assert all(opening.protocol and not opening.ideal for opening in found)
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_online_programs_draw_no_randomness(name):
     program, inputs, _ = PROGRAMS[name]
-    names = {e.primitive.name for e in equations(one_partys_jaxpr(program, inputs, 2).jaxpr)}
-    assert names
-    assert not [n for n in names if any(word in n for word in ("random", "rng", "threefry"))]
+    assert draws(program_of_one_party(program, inputs, 2).jaxpr) == []
 
 
-def test_another_way_across_and_a_draw_would_be_noticed():
-    def neighbourly(d, x):
-        noise, _ = jax.lax.scan(
-            lambda c, _: (c + jax.random.bits(jax.random.key(0), (), jnp.uint64), None), x, length=2
-        )
-        return jax.jit(lambda v: lax.ppermute(v, party.AXIS, [(0, 1), (1, 0)]))(x + noise)
+def test_a_draw_would_be_noticed():
+    def noisy(d, x):
+        step = lambda c, _: (c + jax.random.bits(jax.random.key(0), (), jnp.uint64), None)  # noqa: E731
+        return jax.jit(lambda v: lax.scan(step, v, length=2)[0])(x)
 
-    jaxpr = one_partys_jaxpr(neighbourly, 1, 2)
-    assert crossing(jaxpr) == ["ppermute"]
-    assert any("random" in e.primitive.name for e in equations(jaxpr.jaxpr))
+    assert draws(program_of_one_party(noisy, 1, 2).jaxpr)
 
 
 def view(program, inputs, parties, secret):
     """Every party's every message and every opened value, for many copies of a secret."""
     count = COUNT // 4 if program is back_and_forth else COUNT
     secrets = [np.full(count, secret % 2**64, np.uint64)] * inputs
-    messages, opened = views(program, parties)(1, *secrets)
-    return [np.asarray(row) for message in messages for row in message] + [np.asarray(x) for x in opened]
+    messages = views(program, parties)(1, *secrets)
+    rows = [np.asarray(row) for message in messages for row in message.sent]
+    return rows + [np.asarray(message.opened) for message in messages]
 
 
 @pytest.mark.parametrize("secret", [0, -3 * 2**20 - 1])
@@ -146,9 +132,9 @@ def view(program, inputs, parties, secret):
     ("name", "parties"), [*((n, 2) for n in PROGRAMS if n != "local truncation"), ("relu", 5)]
 )
 def test_what_is_sent_and_opened_is_uniform_whatever_the_secret(name, parties, secret):
-    program, inputs, openings = PROGRAMS[name]
+    program, inputs, stated = PROGRAMS[name]
     seen = view(program, inputs, parties, secret)
-    assert len(seen) == openings * (parties + 1)
+    assert len(seen) == stated * (parties + 1)
     assert joint_uniformity(seen) > 1e-7
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ciphernav_jax.protocols import party, sharing
-from ciphernav_jax.protocols.dealer import Mask, Planner, Product, SharedBits, Supply, Zero
+from ciphernav_jax.protocols.dealer import Mask, Planner, Product, SharedBits, Supply, WrapCount, Zero
 from ciphernav_jax.protocols.repeat import OnCall, take_on_call, take_repeated
 from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring import bits
@@ -15,12 +15,14 @@ TIMES = 4
 
 
 def once(dealer):
-    """A body that asks for something additive, something binary, and a product of the former."""
+    """A body that asks for values shared in each way, and for a product of two of them."""
     mask = dealer.take(Mask((5,), shift=20))
     shared = dealer.take(SharedBits((70,)))
     product = dealer.take(Product(mask.ref("mask"), mask.ref("high")))
-    zero = dealer.take(Zero((3,)))
-    return mask["mask"], mask["high"], shared["words"], shared["bits"], product["product"], zero["zero"]
+    zero = dealer.take(Zero((3,)))["zero"]
+    own = dealer.take(WrapCount((5,), jax.lax.axis_size(party.AXIS)))
+    named = {"own": own["mask"], "wraps": own["wraps"], "words": shared["words"], "bits": shared["bits"]}
+    return named | {"mask": mask["mask"], "high": mask["high"], "product": product["product"], "zero": zero}
 
 
 def planned(body):
@@ -60,15 +62,16 @@ def test_each_time_has_consistent_randomness_of_its_own(name, parties):
         lambda key: run(lambda dealer, *_: (PROGRAMS[name](dealer), None), key, parties, None, None)[0]
     )
     shares = program(jax.random.key(3))
-    mask, high, bit_shares, product, zero = (sharing.join_sum(shares[i]) for i in (0, 1, 3, 4, 5))
-    words = sharing.join_xor(shares[2])
-    np.testing.assert_array_equal(high, mask >> np.uint64(20))
-    np.testing.assert_array_equal(product, mask * high)
-    np.testing.assert_array_equal(bits.unpack(words, (70,)), bit_shares)
-    assert not np.any(zero)
+    joined = {name: sharing.join_sum(x) for name, x in shares.items()}
+    mask, words = joined["mask"], sharing.join_xor(shares["words"])
+    np.testing.assert_array_equal(joined["high"], mask >> np.uint64(20))
+    np.testing.assert_array_equal(joined["product"], mask * joined["high"])
+    np.testing.assert_array_equal(bits.unpack(words, (70,)), joined["bits"])
+    np.testing.assert_array_equal(sharing.wraps(shares["own"]), joined["wraps"])
+    assert not np.any(joined["zero"])
     assert np.shape(mask) == ((TIMES,) * (1 + name.count(",")) + (5,))
     # All words that the dealer draws, and all that make shares uniform, differ from time to time.
-    everything = np.concatenate([np.ravel(x) for x in (mask, words, *(share[1:] for share in shares))])
+    everything = np.concatenate([np.ravel(x) for x in (mask, words, *(x[1:] for x in shares.values()))])
     assert len(np.unique(everything)) == everything.size
 
 

@@ -1,16 +1,30 @@
 import functools
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import lax
 from scipy import stats
 from simulated import EDGES, PARTIES, elements, on_secrets, signed
 
-from ciphernav_jax.protocols import truncate
+from ciphernav_jax.protocols import ideal, sharing, truncate
+from ciphernav_jax.protocols.run import run
 
 SHIFTS = [*range(1, 41), 61, 62]
 FEW = [1, 20, 40, 62]
+
+
+# Each variant as a program (dealer, share, shift) -> share.
+VARIANTS = {
+    "probabilistic": lambda dealer, x, shift: truncate.probabilistic(dealer, x, shift).share(),
+    "nearest": lambda dealer, x, shift: truncate.nearest(dealer, x, shift).share(),
+    "floor": lambda dealer, x, shift: truncate.floor(dealer, x, shift).share(),
+    "wrap-count": truncate.wrap_count,
+    "local": lambda dealer, x, shift: truncate.local(x, shift),
+    "ideal": ideal.ideal_truncation,
+}
 
 
 def truncated(shifts, variant="probabilistic"):
@@ -22,9 +36,7 @@ def _truncated(shifts, variant):
     """A program that truncates a value by each of the shifts."""
 
     def program(dealer, x):
-        if variant == "local":
-            return jnp.stack([truncate.local(x, shift) for shift in shifts])
-        return jnp.stack([truncate.probabilistic(dealer, x, shift).share() for shift in shifts])
+        return jnp.stack([VARIANTS[variant](dealer, x, shift) for shift in shifts])
 
     return program
 
@@ -87,19 +99,88 @@ def test_a_truncation_that_rounds_down_or_to_nearest_would_be_noticed():
     assert not fair(round(0.24 * (1 << 17)), 1 << 17, 0.25)
 
 
-@pytest.mark.parametrize("parties", PARTIES)
-def test_not_one_of_a_million_truncations_of_large_values_fails(parties):
-    shifts, count = [16, 18, 20], 1 << 17
-    rng = np.random.default_rng(parties)
-    failures = total = 0
-    for seed, frac_bits in enumerate(shifts):
-        limit = 30_000 * 4**frac_bits
-        x = elements(rng.integers(limit - limit // 1000, limit, count) * rng.choice([-1, 1], count))
-        for shift, y in zip(shifts, on_secrets(truncated(shifts), parties)(seed, x), strict=True):
-            up = rounded_up(y, x, shift)
-            failures += np.sum((up != 0) & (up != 1))
-            total += count
-    assert (failures, total > 10**6) == (0, True)
+@pytest.mark.parametrize("parties", [*PARTIES, 8, 16])
+@pytest.mark.parametrize("variant", ["nearest", "floor"])
+def test_exact_truncation_is_exact_at_every_edge(variant, parties):
+    shifts = [*FEW, 21] if parties == 3 else [20]
+    powers = [sign * 2**k + d for k in range(62) for sign in (1, -1) for d in (-1, 0, 1)]
+    half = [2**19, -(2**19), 3 * 2**19, 2**19 - 1, 2**19 + 1, -(2**19) - 1, -3 * 2**19]
+    values = [v for v in [*EDGES, *powers, *half] if -(2**62) <= v < 2**62]
+    for shift, y in zip(
+        shifts, on_secrets(truncated(shifts, variant), parties)(1, elements(values)), strict=True
+    ):
+        up = 2**shift // 2 if variant == "nearest" else 0
+        # Half a unit more must still be in range.
+        expected = [(v + up) >> shift if v + up < 2**62 else None for v in values]
+        for got, wanted in zip(signed(y), expected, strict=True):
+            assert wanted is None or got == wanted
+
+
+@pytest.mark.parametrize(
+    ("parties", "variant"), [(2, "wrap-count"), (5, "wrap-count"), (16, "wrap-count"), (3, "ideal")]
+)
+def test_other_truncations_err_within_their_bound_and_without_bias(parties, variant):
+    shift, count = 20, 1 << 13
+    bound, deviation = (parties, np.sqrt(parties / 3)) if variant == "wrap-count" else (1, 0.5)
+    values = [0, 1, -1, 2**19, 5 * 2**20 + 2**18, -(7 * 2**20) - 2**18, 2**34]
+    x = np.repeat(elements(values)[:, None], count, axis=1)
+    (got,) = on_secrets(truncated([shift], variant), parties)(5, x)
+    error = signed(got) - np.array(values)[:, None] / 2**shift
+    assert np.all(np.abs(error) < bound)
+    assert np.all(np.abs(error.mean(axis=1)) < 5 * deviation / np.sqrt(count))
+
+
+# Variant, parties, fractional bits: the probability that a truncation of a product |v| = 30,000 fails.
+FAILING = {
+    ("local", 2, 16): 30_000 / 2**32,
+    ("local", 2, 20): 30_000 / 2**24,
+    ("wrap-count", 2, 16): 30_000 / 2**32,
+    ("wrap-count", 5, 16): 30_000 / 2**32,
+    ("wrap-count", 3, 20): 30_000 / 2**24,
+    ("probabilistic", 2, 16): 0,
+    ("probabilistic", 3, 20): 0,
+    ("nearest", 2, 20): 0,
+    ("floor", 2, 20): 0,
+}
+
+
+@functools.cache
+def failures(variant, parties, frac_bits, rounds=40, count=1 << 18):
+    """How many of rounds x count truncations of products v 2^(2 f), |v| = 30,000, fail: land farther away
+    than any rounding could bring them.
+    """
+    v = 30_000 << 2 * frac_bits
+
+    def program(dealer, x, _):
+        return VARIANTS[variant](dealer, x, frac_bits), None
+
+    def one_round(_, key):
+        x_key, share_key, dealer_key = jax.random.split(key, 3)
+        x = jnp.where(jax.random.bernoulli(x_key, shape=(count,)), v, -v).astype(jnp.int64)
+        shares = sharing.share_ring(share_key, lax.bitcast_convert_type(x, jnp.uint64), parties)
+        y, _ = run(
+            lambda dealer, x, _: (VARIANTS[variant](dealer, x, frac_bits), None),
+            dealer_key,
+            parties,
+            shares,
+            None,
+        )
+        error = lax.bitcast_convert_type(sharing.join_sum(y), jnp.int64) - (x >> frac_bits)
+        return None, jnp.sum(jnp.abs(error) > parties)
+
+    keys = jax.random.split(jax.random.key(frac_bits), rounds)
+    return int(jnp.sum(jax.jit(lambda keys: lax.scan(one_round, None, keys)[1])(keys))), rounds * count
+
+
+@pytest.mark.parametrize(("variant", "parties", "frac_bits"), FAILING)
+def test_of_ten_million_truncations_of_large_values_as_many_fail_as_stated(variant, parties, frac_bits):
+    failed, total = failures(variant, parties, frac_bits)
+    assert total >= 10**7
+    probability = FAILING[variant, parties, frac_bits]
+    if probability == 0:
+        assert failed == 0
+    else:
+        assert stats.binomtest(failed, total, probability).pvalue > 1e-5
 
 
 def test_beyond_the_stated_range_results_are_wrong_and_the_test_for_failures_sees_it():

@@ -1,0 +1,48 @@
+"""Reading jaxprs: what an equation wraps, and under which names it was traced."""
+
+import re
+from typing import Any
+
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn
+
+# Primitives that only wrap a jaxpr, and the parameter that holds it.
+INLINED = {
+    "jit": "jaxpr",
+    "closed_call": "call_jaxpr",
+    "custom_jvp_call": "call_jaxpr",
+    "custom_vjp_call": "call_jaxpr",
+    "remat2": "jaxpr",
+}
+
+
+def opened_up(x: Jaxpr | ClosedJaxpr) -> tuple[Jaxpr, list[Any]]:
+    """A jaxpr and its constants."""
+    return (x.jaxpr, x.consts) if isinstance(x, ClosedJaxpr) else (x, [])
+
+
+def wrapped(eqn: JaxprEqn) -> tuple[Jaxpr, list[Any]] | None:
+    """The jaxpr, with its constants, that the equation does nothing but call; None for any other equation."""
+    parameter = INLINED.get(eqn.primitive.name)
+    return None if parameter is None else opened_up(eqn.params[parameter])
+
+
+def names(eqn: JaxprEqn, outside: str = "") -> str:
+    """The `jax.named_scope`s of an equation, from the outermost in. A jaxpr that is a parameter of an
+    equation begins its names anew; `outside` are those of that equation.
+    """
+    return f"{outside}/{eqn.source_info.name_stack}"
+
+
+def labels(stack: str, kind: str) -> list[str]:
+    """The x of each "kind:x" among the names, from the outermost in."""
+    return [name.removeprefix(f"{kind}:") for name in _split(stack) if name.startswith(f"{kind}:")]
+
+
+def innermost(stack: str) -> str:
+    """The last of the names; "" where there is none."""
+    return next(reversed(_split(stack)), "")
+
+
+def _split(stack: str) -> list[str]:
+    # A transformation wraps the names: vmap(multiply)/open_sum.
+    return [name for name in re.split(r"[/()]", stack) if name]

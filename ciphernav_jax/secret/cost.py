@@ -1,0 +1,303 @@
+"""What a function on secrets costs: rounds, bytes and correlated randomness, from its trace alone."""
+
+import io
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from rich.console import Console, Group
+from rich.table import Table
+
+from ciphernav_jax.protocols.dealer import Plan, deal, drawn
+from ciphernav_jax.protocols.jaxprs import labels
+from ciphernav_jax.protocols.messages import Opening, depth, first_uses, openings
+from ciphernav_jax.protocols.run import one_partys_jaxpr, online, plan
+from ciphernav_jax.secret.secure import Secure
+
+WORD = 8  # bytes
+
+
+@dataclass(frozen=True)
+class Network:
+    """A network between any two parties: the time of one message of no length, one way, and the rate at which
+    one party sends, to all others together.
+    """
+
+    name: str
+    latency_s: float
+    bits_per_s: float
+
+
+# As in Huang, Lu, Hong, Ding, *Cheetah*, USENIX Security 2022: pings of 0.3 and 40 ms.
+LAN = Network("LAN", 0.15e-3, 3e9)
+WAN = Network("WAN", 20e-3, 400e6)
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """What the dealer hands to each party of one request's values: `words` uint64 words.
+
+    `request` is the kind of it (`protocols.dealer`), `protocol` and `primitive` are those that use it first.
+    """
+
+    request: str
+    protocol: str
+    primitive: str
+    words: int
+
+    @property
+    def size(self) -> int:
+        return WORD * self.words
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a cost table; what it counts is each party's.
+
+    Attributes:
+        name: of a protocol, a primitive, or a kind of request.
+        openings: arrays opened, each time counted.
+        rounds: rounds in which some are sent. Rows may share a round: this column does not add up.
+        words: entries sent to each other party.
+        bytes_sent: to all other parties together.
+        bytes_dealt: of correlated randomness, received before the program starts.
+    """
+
+    name: str
+    openings: int
+    rounds: int
+    words: int
+    bytes_sent: int
+    bytes_dealt: int
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one call costs each party; made by `cost`, printed as a table.
+
+    Attributes:
+        parties: P.
+        openings: every opening of the program, in its order.
+        deliveries: the correlated randomness that each party receives.
+        uniform_words: uint64 words that the dealer draws for all parties.
+    """
+
+    parties: int
+    openings: tuple[Opening, ...]
+    deliveries: tuple[Delivery, ...]
+    uniform_words: int
+
+    @property
+    def rounds(self) -> int:
+        """Messages that wait for one another. Openings that do not are sent together."""
+        return depth(self.openings)
+
+    @property
+    def messages(self) -> int:
+        """Messages that each party sends: one to each other party in each round."""
+        return self.rounds * (self.parties - 1)
+
+    @property
+    def bytes_sent(self) -> int:
+        """Bytes that each party sends: 8 for each entry opened, to each of the P - 1 others."""
+        return sum(opening.size for opening in self.openings) * (self.parties - 1)
+
+    @property
+    def bytes_dealt(self) -> int:
+        """Bytes of correlated randomness that each party receives from the dealer, before the program starts.
+
+        All but party 0 receive uniform words alone, and could be sent a seed in their place.
+        """
+        return sum(delivery.size for delivery in self.deliveries)
+
+    @property
+    def ideal(self) -> int:
+        """Times that a trusted third party stands in for a protocol. Unless 0, this is no protocol's cost."""
+        return sum(len(opening.rounds) for opening in self.openings if opening.ideal)
+
+    @property
+    def unbounded(self) -> bool:
+        """Whether some of it is for one iteration of a `while`, of nobody knows how many."""
+        return any(opening.per_iteration for opening in self.openings)
+
+    @property
+    def by_protocol(self) -> tuple[Row, ...]:
+        """Each protocol's part, with what it calls upon."""
+        return self._rows(lambda part: part.protocol)
+
+    @property
+    def by_primitive(self) -> tuple[Row, ...]:
+        """Each primitive's part, of the function given to `secure`. A value opened for two of them counts for
+        the first; "output" is what outputs need to leave with the protocol's precision.
+        """
+        return self._rows(lambda part: part.primitive)
+
+    @property
+    def by_request(self) -> tuple[Row, ...]:
+        """The dealer's part by kind of request (`protocols.dealer`)."""
+        return self._rows(lambda part: part.request if isinstance(part, Delivery) else None)
+
+    def _rows(self, name: Callable[[Opening | Delivery], str | None]) -> tuple[Row, ...]:
+        named = [name(part) for part in (*self.openings, *self.deliveries)]
+        return tuple(
+            self._row(
+                row or "(none)",
+                [x for x in self.openings if name(x) == row and not x.ideal],
+                [x for x in self.deliveries if name(x) == row],
+            )
+            for row in dict.fromkeys(named)
+            if row is not None
+        )
+
+    def _row(self, name: str, sent: list[Opening], dealt: list[Delivery]) -> Row:
+        return Row(
+            name=name,
+            openings=sum(len(opening.rounds) for opening in sent),
+            rounds=len({r for opening in sent for r in opening.rounds}),
+            words=sum(opening.words for opening in sent),
+            bytes_sent=sum(opening.size for opening in sent) * (self.parties - 1),
+            bytes_dealt=sum(delivery.size for delivery in dealt),
+        )
+
+    def seconds(self, network: Network) -> float:
+        """A projection: rounds x latency + bytes sent / rate. Without computation and without the dealer."""
+        return self.rounds * network.latency_s + 8 * self.bytes_sent / network.bits_per_s
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it in numbers and strings, for JSON."""
+        return {
+            "parties": self.parties,
+            "rounds": self.rounds,
+            "messages": self.messages,
+            "bytes_sent": self.bytes_sent,
+            "bytes_dealt": self.bytes_dealt,
+            "uniform_words": self.uniform_words,
+            "ideal": self.ideal,
+            "unbounded": self.unbounded,
+            "seconds": {network.name: self.seconds(network) for network in (LAN, WAN)},
+            "by_protocol": [asdict(row) for row in self.by_protocol],
+            "by_primitive": [asdict(row) for row in self.by_primitive],
+            "by_request": [asdict(row) for row in self.by_request],
+        }
+
+    def summary(self) -> str:
+        """The totals in a few lines."""
+        lines = [
+            f"Each of {self.parties} parties: {self.rounds} round{'s' * (self.rounds != 1)}"
+            f"{' or more' * self.unbounded}, "
+            f"{_size(self.bytes_sent)} sent; before that, {_size(self.bytes_dealt)} from the dealer.",
+            "Projected, without computation: "
+            + ", ".join(f"{_time(self.seconds(network))} on {network.name}" for network in (LAN, WAN))
+            + ".",
+        ]
+        if self.unbounded:
+            lines.append("A while loop is counted for one iteration.")
+        if self.ideal:
+            lines.append(f"ideal: {self.ideal} openings by a trusted third party, not a protocol.")
+        return "\n".join(lines)
+
+    def table(self) -> Table:
+        """The parts by primitive and by protocol."""
+        table = Table("", "openings", "in rounds", "entries", "sent", "dealt")
+        for column in table.columns[1:]:
+            column.justify = "right"
+        for title, rows in (("by primitive", self.by_primitive), ("by protocol", self.by_protocol)):
+            table.add_section()
+            table.add_row(title, style="bold")
+            for row in rows:
+                numbers = (row.openings, row.rounds, row.words)
+                table.add_row(
+                    f"  {row.name}",
+                    *(f"{n:,}" for n in numbers),
+                    _size(row.bytes_sent),
+                    _size(row.bytes_dealt),
+                )
+        return table
+
+    def __rich__(self) -> Group:
+        return Group(self.summary(), self.table())
+
+    def __str__(self) -> str:
+        text = io.StringIO()
+        Console(file=text, width=100).print(self)
+        return text.getvalue().rstrip()
+
+
+def cost(step: Secure, *args: Any) -> Cost:
+    """Rounds and bytes of `step(key, *args)` for each party, and what the dealer hands out. Nothing is run.
+
+    Everything is read from the jaxpr of one party's program, the same that is run. An opening sends 8 bytes
+    an entry to each of the P - 1 other parties, in the round after the last opening that it depends on;
+    independent openings travel together. A loop by `lax.scan` is multiplied out; of a `lax.cond` the
+    costliest branch is counted, of a `lax.while_loop` one iteration. `reveal` is not part of it: opening a
+    result of n entries takes one more round and 8 n (P - 1) bytes.
+
+    Args:
+        step: made by `secure` (or `deploy`).
+        args: its arguments without the key, or their shapes: `jax.eval_shape(partial(share, ...), ...)` and
+            `jax.ShapeDtypeStruct`.
+
+    Returns:
+        A `Cost`: `print` it, or take `as_dict()`, or `seconds(Network("mine", latency_s, bits_per_s))`.
+
+    Raises:
+        TypeError: `step` was not made by `secure`.
+        What `step` would raise on these arguments.
+    """
+    require_step(step)
+    counted: list[Cost] = []
+
+    def count(program, key, parties, private, public, mesh, generator):
+        needed = plan(program, parties, private, public)
+        supply = jax.eval_shape(partial(deal, plan=needed, parties=parties), key)
+        jaxpr, (mine, known) = one_partys_jaxpr(online(program, needed), parties, (supply, private), public)
+        handed = _deliveries(needed, supply, first_uses(jaxpr.jaxpr))
+        uniform_words = sum(map(math.prod, drawn(needed, parties)))
+        counted.append(Cost(parties, openings(jaxpr), handed, uniform_words))
+        mine = jax.tree.map(lambda x: jnp.zeros((parties, *x.shape), x.dtype), mine)
+        return mine, jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), known)
+
+    jax.eval_shape(lambda key, args: step.evaluate(key, args, count), jax.eval_shape(jax.random.key, 0), args)
+    return counted[0]
+
+
+def require_step(step: Any) -> None:
+    """Raises TypeError for what `secure` has not made."""
+    if not isinstance(step, Secure):
+        raise TypeError(f"expected a function made by secure(f), got {type(step).__name__}")
+
+
+def _deliveries(needed: Plan, supply: Any, uses: dict[int, str]) -> tuple[Delivery, ...]:
+    """One for each request. `uses` are the first uses of the program's inputs, of which `supply` is first."""
+    paths, _ = jax.tree_util.tree_flatten_with_path(supply)
+    requests = [path[0].idx for path, _ in paths]
+    used: dict[int, str] = {}
+    for i, use in uses.items():
+        if i < len(requests):
+            used.setdefault(requests[i], use)
+
+    def delivery(i: int) -> Delivery:
+        protocols, primitives = (labels(used.get(i, ""), kind) for kind in ("protocol", "primitive"))
+        return Delivery(
+            request=type(needed.requests[i]).__name__,
+            protocol=protocols[0] if protocols else "",
+            primitive=primitives[-1] if primitives else "",
+            words=sum(math.prod(value.shape[1:]) for value in jax.tree.leaves(supply[i])),
+        )
+
+    return tuple(map(delivery, range(len(needed.requests))))
+
+
+def _size(count: int) -> str:
+    for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= scale:
+            return f"{count / scale:.3g} {unit}"
+    return f"{count} B"
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"

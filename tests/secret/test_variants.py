@@ -1,0 +1,167 @@
+"""Every combination of variants computes what the function says, within bounds derived from its truncations.
+
+The parts are tested for every number of parties where they live (tests/protocols). Here the plain run takes
+every comparison and adder with some truncation, and every truncation with every number of parties; `pytest
+--every-combination` takes the whole product, with P in {2, 3, 5, 8, 16}.
+"""
+
+import itertools
+from functools import cache
+from typing import get_args
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ciphernav_jax as cn
+from ciphernav_jax.protocols import suite
+
+PARTIES = [2, 3, 5, 8, 16]
+SIGNS = [
+    (c, a) for c in get_args(suite.Comparison) for a in get_args(suite.Adder) if c != "ideal" or a == "ripple"
+]
+TRUNCATIONS = get_args(suite.Truncation)
+ROWS, INNER, COLUMNS = 3, 4, 5
+
+
+def combinations(every: bool):
+    """Protocols with numbers of parties: all that exist, or each variant with each number of parties or with
+    each other kind of variant.
+    """
+    if every:
+        for truncation, sign, multiplication, p in itertools.product(
+            TRUNCATIONS, SIGNS, get_args(suite.Multiplication), PARTIES
+        ):
+            if truncation != "local" or p == 2:
+                yield combined(truncation, sign, multiplication), p
+        return
+    for n, sign in enumerate(SIGNS):
+        truncation = TRUNCATIONS[n % len(TRUNCATIONS)]
+        yield combined(truncation, sign), 2 if truncation == "local" else PARTIES[n % len(PARTIES)]
+    for n, (truncation, p) in enumerate(itertools.product(TRUNCATIONS, PARTIES)):
+        if truncation != "local" or p == 2:
+            multiplication = "ideal" if n % 3 == 0 else "beaver"
+            yield combined(truncation, ("masked", "carry-tree"), multiplication, "chacha20"), p
+
+
+def combined(truncation, sign, multiplication="beaver", generator="threefry") -> cn.Protocol:
+    comparison, adder = sign
+    # The ripple adder takes a round a bit: here it gets few.
+    frac_bits, range_bits = (6, 4) if adder == "ripple" else (20, None)
+    return cn.Protocol(
+        frac_bits, multiplication, truncation, comparison, adder, range_bits, generator=generator
+    )
+
+
+def pytest_generate_tests(metafunc):
+    if "parties" in metafunc.fixturenames:
+        rows = list(combinations(metafunc.config.getoption("every_combination")))
+        metafunc.parametrize(("protocol", "parties"), rows, ids=[f"{r} P={p}" for r, p in rows])
+
+
+def function(x, y, w):
+    z = x @ w
+    return jax.nn.relu(z), z > 0, x * y, jax.grad(lambda z: jnp.sum(jax.nn.relu(z) ** 2))(x @ w)
+
+
+@cache
+def evaluated(protocol, parties):
+    step = cn.secure(function, protocol=protocol)
+
+    @jax.jit
+    def run(key, *args):
+        shared = cn.share(jax.random.fold_in(key, 0), args, parties=parties, protocol=protocol)
+        return cn.reveal(step(jax.random.fold_in(key, 1), *shared))
+
+    return run
+
+
+def arrays(*shape):
+    """Multiples of 2^-6 up to 2 in magnitude; often 0, one unit, or the ends."""
+    grid = st.one_of(st.sampled_from([0, 1, -1, 128, -128]), st.integers(-128, 128))
+    size = int(np.prod(shape))
+    return st.lists(grid, min_size=size, max_size=size).map(lambda v: np.reshape(v, shape) / 64)
+
+
+# The error of one truncation, in units: at most the first times the number of parties plus the second.
+ROUNDING = dict.fromkeys(TRUNCATIONS, (0, 1)) | {"wrap-count": (1, 0), "nearest": (0, 0.5)}
+
+
+@settings(max_examples=8, deadline=None, derandomize=True)
+@given(
+    x=arrays(ROWS, INNER),
+    y=arrays(ROWS, INNER),
+    w=arrays(INNER, COLUMNS).map(lambda w: w / 4),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_a_combination_of_variants_computes_the_function(protocol, parties, x, y, w, seed):
+    w = np.round(w * 2.0**protocol.frac_bits) / 2.0**protocol.frac_bits
+    relu, positive, product, gradient = evaluated(protocol, parties)(jax.random.key(seed), x, y, w)
+    each, constant = ROUNDING[protocol.truncation]
+    error = (each * parties + constant) / 2.0**protocol.frac_bits
+    z = x @ w
+    np.testing.assert_array_equal(positive, z > 0)
+    # A local or wrap-count truncation may round what is positive to something at or below 0.
+    assert np.all(np.abs(relu - np.maximum(z, 0)) <= error)
+    assert np.all(np.abs(product - x * y) <= error)
+    # 2 relu(z) times the bit: the error of the rectified value, twice.
+    assert np.all(np.abs(gradient - 2 * np.maximum(z, 0)) <= 2 * error)
+
+
+ENDS = st.sampled_from([0.0, 2.0**-20, -(2.0**-20), 1.0, 2.0**21 - 1, -(2.0**21) + 1, 2.0**20 + 2.0**-20])
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(values=st.lists(st.tuples(ENDS, st.sampled_from([1.0, -1.0, 1.5, -1.5])), min_size=12, max_size=12))
+def test_the_default_holds_at_both_ends_of_the_range(values):
+    """Products up to 3/4 of the bound of 2^22, the limit of truncation, never fail."""
+    x, y = np.array(values).T
+    got = at_the_ends()(jax.random.key(len(values)), x, y)
+    assert np.all(np.abs(got[0] - x * y) <= 2.0**-20)
+    assert np.all(np.abs(got[1] - np.maximum(x, 0)) == 0)
+    np.testing.assert_array_equal(got[2], x > y)
+
+
+@cache
+def at_the_ends():
+    step = cn.secure(lambda x, y: (x * y, jax.nn.relu(x), x > y))
+
+    @jax.jit
+    def run(key, x, y):
+        return cn.reveal(step(key, *cn.share(jax.random.fold_in(key, 1), (x, y), parties=5)))
+
+    return run
+
+
+@cache
+def largest(argmax, comparison, parties, n):
+    protocol = cn.Protocol(argmax=argmax, comparison=comparison)
+
+    @jax.jit
+    def run(key, x):
+        shared = cn.share(key, x, parties=parties, protocol=protocol)
+        # Entries with a truncation pending, as the last layer leaves them.
+        f = cn.secure(lambda x: jnp.argmax(x * x[:1], axis=-1), protocol=protocol)
+        return cn.reveal(f(jax.random.fold_in(key, 1), shared))
+
+    return run
+
+
+ARGMAX = [
+    ("pairwise", "masked", 3, 5),
+    ("tree", "masked", 3, 5),
+    ("tree", "masked", 2, 9),
+    ("tree", "ideal", 16, 2),
+]
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(data=st.data(), seed=st.integers(0, 2**32 - 1))
+def test_both_ways_to_the_arg_max_give_the_first_of_the_largest(data, seed):
+    for argmax, comparison, parties, n in ARGMAX:
+        x = data.draw(arrays(4, n))
+        x[0] = 1
+        index = largest(argmax, comparison, parties, n)(jax.random.key(seed), x)
+        np.testing.assert_array_equal(index, np.argmax(x, axis=-1))
