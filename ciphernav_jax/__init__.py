@@ -43,6 +43,7 @@ _HOME = {
     "reveal": "secret",
     "secure": "secret",
     "share": "secret",
+    "simulate": "secret",
     "transcript": "secret",
 }
 _PACKAGES = ("ring", "protocols", "secret", "models", "navigation", "experiments")

@@ -9,19 +9,18 @@ Everything else, limbs, openings, circuits, memory traffic, counts as overhead.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn
 
 from ciphernav_jax import ring
 from ciphernav_jax.experiments.work import Work
 from ciphernav_jax.protocols import Protocol
-from ciphernav_jax.secret import secure
+from ciphernav_jax.secret import cost, secure
 
 LIMB_PRODUCTS = 6
 
@@ -33,7 +32,7 @@ def rates() -> dict[str, float]:
     key = jax.random.key(0)
     return {
         "multiply_adds": size**3 / _best(jax.jit(jnp.matmul), x, x),
-        "random_bytes": 8 * words / _best(jax.jit(lambda key: ring.draw(key, [(words,)])), key),
+        "random_bytes": 8 * words / _best(jax.jit(lambda key: ring.draw(key, [(words,)], generator)), key),
     }
 
 
@@ -41,35 +40,16 @@ def needs(work: Work, protocol: Protocol, parties: int, args: tuple[Any, ...]) -
     """float64 multiply-adds and random bytes of one step, all parties and the dealer; nothing is computed."""
     each = 1 + 2 * parties if all(work.secret) else parties
     products = sum(m * k * n for m, k, n in work.products)
-    step = secure(work.function, protocol=protocol)
-    traced = jax.make_jaxpr(step)(jax.random.key(0), *args)
+    drawn = cost(secure(work.function, protocol=protocol), *args).uniform_words
     return {
         "multiply_adds": LIMB_PRODUCTS * each * products,
-        "random_bytes": 8 * sum(_drawn(eqn) for eqn in _equations(traced.jaxpr)),
+        "random_bytes": 8 * drawn,
     }
 
 
 def seconds(needed: dict[str, int], rate: dict[str, float]) -> float:
     """The time of what is needed, one after the other."""
     return sum(needed[name] / rate[name] for name in needed)
-
-
-def _drawn(eqn: JaxprEqn) -> int:
-    # The one equation of `ring.draw`: a stream of words with a batching rule of its own.
-    if eqn.primitive.name != "custom_vmap_call":
-        return 0
-    streams: list[Any] = [out.aval for out in eqn.outvars]
-    return sum(stream.size for stream in streams if stream.ndim == 1 and stream.dtype == jnp.uint64)
-
-
-def _equations(jaxpr: Jaxpr) -> Iterator[JaxprEqn]:
-    for eqn in jaxpr.eqns:
-        yield eqn
-        for value in jax.tree.leaves(
-            tuple(eqn.params.values()), is_leaf=lambda x: isinstance(x, Jaxpr | ClosedJaxpr)
-        ):
-            if isinstance(value, Jaxpr | ClosedJaxpr):
-                yield from _equations(value.jaxpr if isinstance(value, ClosedJaxpr) else value)
 
 
 def _best(function: Callable[..., Array | list[Array]], *args: Any, runs: int = 15) -> float:

@@ -4,6 +4,7 @@ In import order:
 - `party`: the party axis, its collectives, and who runs a program.
 - `sharing`: additive shares and shares by exclusive or.
 - `dealer`: correlated randomness: requests, plan, generation.
+- `repeat`: randomness for the bodies of loops and for branches.
 - `masked`: values opened under a mask.
 - `multiply`: Beaver products, elementwise, square, `dot_general`, and conjunction of words.
 - `truncate`: back to f fractional bits after a product.

@@ -3,7 +3,9 @@
 - `array`: `Secret`, `share`, `reveal`.
 - `value`: a party's share inside a program, with pending truncations and what was computed from it.
 - `rules`: one rule for each primitive.
+- `loops`: the rules of scan, while and cond.
 - `secure`: the jaxpr evaluator; `secure` and `deploy`.
+- `simulate`: floats to floats through the protocol, differentiable.
 - `cost`: rounds, bytes and correlated randomness of a function, from its trace.
 - `transcript`: every message of a call.
 """
@@ -11,6 +13,7 @@
 from ciphernav_jax.secret.array import Secret, reveal, share
 from ciphernav_jax.secret.cost import LAN, WAN, Cost, Network, cost
 from ciphernav_jax.secret.secure import deploy, secure
+from ciphernav_jax.secret.simulate import simulate
 from ciphernav_jax.secret.transcript import transcript
 
 __all__ = [
@@ -24,5 +27,6 @@ __all__ = [
     "reveal",
     "secure",
     "share",
+    "simulate",
     "transcript",
 ]

@@ -17,6 +17,7 @@ from jax import Array, lax
 from jax.extend.core import Primitive
 
 from ciphernav_jax import ring
+from ciphernav_jax.protocols.dealer import Zero
 from ciphernav_jax.secret.value import (
     Context,
     Value,
@@ -54,28 +55,49 @@ def _to_value(context: Context, x: Operand, frac_bits: int) -> Value:
     return zero.add_public(ring.encode(x, frac_bits))
 
 
+def frac_bits_at_rest(context: Context, dtype: np.dtype) -> int:
+    """The fractional bits of a `Secret` of that dtype."""
+    return context.protocol.frac_bits if jnp.issubdtype(dtype, np.floating) else 0
+
+
+def at_rest(context: Context, x: Operand, dtype: np.dtype) -> Value:
+    """An operand as a `Secret` of that dtype has it: truncated, of that precision, shared if it is public."""
+    frac_bits = frac_bits_at_rest(context, dtype)
+    if not isinstance(x, Value):
+        return _fresh(context, x, frac_bits)
+    return x.settled.lifted(frac_bits) if frac_bits else x
+
+
+def _fresh(context: Context, x: Operand, frac_bits: int) -> Value:
+    """As `_to_value`, for a public operand that will stand alone as a secret.
+
+    Local truncation needs shares that are random: there the dealer's shares of zero make them so.
+    """
+    value = _to_value(context, x, frac_bits)
+    if isinstance(x, Value) or context.protocol.truncation != "local":
+        return value
+    zero = context.dealer.take(Zero(value.shape))["zero"]
+    return Value(context, frac_bits, share=value.share + zero)
+
+
 def _is_zero(x: Operand) -> bool:
     return isinstance(x, np.ndarray) and not np.any(x)
 
 
-def _together(context: Context, operands: tuple[Operand, ...]) -> tuple[Value, ...]:
+def _together(
+    context: Context, operands: tuple[Operand, ...], to_value: Any = _to_value
+) -> tuple[Value, ...]:
     """All operands as values with equal fractional bits."""
     secrets = iter(align(*[x for x in operands if isinstance(x, Value)]))
     aligned = [next(secrets) if isinstance(x, Value) else x for x in operands]
     frac_bits = next(x.frac_bits for x in aligned if isinstance(x, Value))
     bits = max(frac_bits, context.protocol.frac_bits if _has_public_float(operands) else 0)
-    return tuple(_to_value(context, x, bits).lifted(bits) for x in aligned)
+    return tuple(to_value(context, x, bits).lifted(bits) for x in aligned)
 
 
 def _side_by_side(context: Context, operands: tuple[Operand, ...]) -> tuple[Value, ...]:
-    """As `_together`, for entries that will stand beside one another unmixed.
-
-    Public entries then have shares that are not random (party 0 holds them), which local truncation must
-    never meet: so no truncation is left pending.
-    """
-    if any(not isinstance(x, Value) for x in operands):
-        operands = tuple(x.settled if isinstance(x, Value) else x for x in operands)
-    return _together(context, operands)
+    """As `_together`, for entries that will stand beside one another unmixed."""
+    return _together(context, operands, _fresh)
 
 
 def _has_public_float(operands: tuple[Operand, ...]) -> bool:
@@ -110,6 +132,7 @@ for _primitive in (
     lax.broadcast_in_dim_p,
     lax.concatenate_p,
     lax.copy_p,
+    lax.cumsum_p,
     lax.pad_p,
     lax.reshape_p,
     lax.rev_p,
@@ -132,7 +155,45 @@ def _gather(context: Context, x: Operand, indices: Operand, **params: Any) -> Va
     return Value(context, x.frac_bits, share=lax.gather_p.bind(x.share, indices, **params))
 
 
+def _scatter_into(scatter: Callable[..., Array], together: Callable[..., tuple[Value, ...]]) -> Rule:
+    """The rule of a scatter of any of operand and updates that are secret, at public indices."""
+
+    def scattered(
+        context: Context,
+        x: Operand,
+        indices: Operand,
+        updates: Operand,
+        *,
+        dimension_numbers: lax.ScatterDimensionNumbers,
+        indices_are_sorted: bool,
+        unique_indices: bool,
+        mode: lax.GatherScatterMode,
+        **_: Any,
+    ) -> Value:
+        if isinstance(indices, Value):
+            raise Unsupported("the indices are secret; scatter takes public indices")
+        into, new = together(context, (x, updates))
+        # Not the primitive's own parameters: those hold a sum of floats, and shares are words.
+        share = scatter(
+            into.share,
+            indices,
+            new.share,
+            dimension_numbers,
+            indices_are_sorted=indices_are_sorted,
+            unique_indices=unique_indices,
+            mode=mode,
+        )
+        return Value(context, into.frac_bits, share=share)
+
+    return scattered
+
+
+RULES["scatter"] = _scatter_into(lax.scatter, _side_by_side)
+
+
 # --- linear -----------------------------------------------------------------------------------------
+
+RULES["scatter-add"] = _scatter_into(lax.scatter_add, _side_by_side)
 
 
 @rule("add", "add_any")
@@ -163,7 +224,9 @@ def _reduce_sum(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) 
 
 
 @rule("convert_element_type")
-def _convert(context: Context, x: Value, *, new_dtype: np.dtype, **_: Any) -> Value:
+def _convert(context: Context, x: Value, *, new_dtype: np.dtype, **_: Any) -> Operand:
+    if new_dtype == np.bool_:
+        return _ne(context, x, np.array(0))
     if x.frac_bits > 0 and not jnp.issubdtype(new_dtype, np.floating):
         raise Unsupported(f"a secret with a fractional part cannot be rounded to {np.dtype(new_dtype).name}")
     return x
@@ -184,6 +247,8 @@ def _mul(context: Context, x: Operand, y: Operand, **_: Any) -> Value:
 
 @rule("div")
 def _div(context: Context, x: Operand, y: Operand) -> Value:
+    if isinstance(y, OneOfTwo):
+        return _mul(context, x, y.reciprocal())
     if isinstance(y, Value):
         raise Unsupported("the divisor is secret; only public divisors are supported")
     return _mul(context, x, np.asarray(1.0 / y.astype(np.float64)) if isinstance(y, np.ndarray) else 1.0 / y)
@@ -229,14 +294,29 @@ def _not(context: Context, x: Value) -> Value:
 
 
 @rule("eq")
-def _equal(context: Context, x: Operand, y: Operand) -> Value:
-    return _not(context, _ne(context, x, y))
+def _equal(context: Context, x: Operand, y: Operand) -> Operand:
+    different = _ne(context, x, y)
+    return _not(context, different) if isinstance(different, Value) else ~different
 
 
 @rule("ne")
-def _ne(context: Context, x: Operand, y: Operand) -> Value:
-    difference = _sub(context, x, y)
-    return difference.positive.add(difference.negated().positive)
+def _ne(context: Context, x: Operand, y: Operand) -> Operand:
+    if x is y:
+        return np.zeros(x.shape, np.bool_)  # the usual test for NaN, which no secret is
+    above, below = _sides(context, _sub(context, x, y))
+    return above.add(below)
+
+
+def _sides(context: Context, x: Value) -> tuple[Value, Value]:
+    """The bits x > 0 and x < 0, in one comparison."""
+    both = Value(context, x.frac_bits, share=jnp.stack([x.share, -x.share])).positive
+    return Value(context, 0, share=both.share[0]), Value(context, 0, share=both.share[1])
+
+
+@rule("sign")
+def _sign(context: Context, x: Value) -> Value:
+    above, below = _sides(context, x)
+    return above.add(below.negated())
 
 
 RULES["gt"] = _greater
@@ -261,14 +341,63 @@ def _min(context: Context, x: Operand, y: Operand) -> Value:
     return _sub(context, x, _sub(context, x, y).relu)
 
 
+@rule("clamp")
+def _clamp(context: Context, low: Operand, x: Operand, high: Operand) -> Value:
+    if not isinstance(x, Value):
+        raise Unsupported("a bound is secret and the value public; write jnp.minimum and jnp.maximum")
+    return _min(context, _max(context, x, low), high)
+
+
+def _reduce_with(of_two: Callable[[Context, Value, Value], Value]) -> Rule:
+    """A reduction by a tournament: halves against each other, log2 n comparisons deep, n - 1 in all."""
+
+    def reduce(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Value:
+        x = x.settled
+        share = jnp.moveaxis(x.share, axes, range(len(axes)))
+        left = share.reshape(-1, *share.shape[len(axes) :])
+        while len(left) > 1:
+            half = len(left) // 2
+            a, b = (Value(context, x.frac_bits, share=part) for part in (left[:half], left[half : 2 * half]))
+            left = jnp.concatenate([of_two(context, a, b).share, left[2 * half :]])
+        return Value(context, x.frac_bits, share=left[0])
+
+    return reduce
+
+
+RULES["reduce_max"] = _reduce_with(_max)
+RULES["reduce_min"] = _reduce_with(_min)
+
+
 @rule("abs")
 def _abs(context: Context, x: Value) -> Value:
     return _sub(context, x.relu.scaled(-1), x)
 
 
+class OneOfTwo(Value):
+    """One of two public values, chosen by a secret bit: bit (on_true - on_false) + on_false. Local, exact.
+
+    Its reciprocal is one of two as well. (The derivative of max divides by such a value: 2 where the operands
+    are equal, otherwise 1.)
+    """
+
+    def __init__(
+        self, context: Context, bit: Value, on_false: Array | np.ndarray, on_true: Array | np.ndarray
+    ):
+        frac_bits = context.protocol.frac_bits if _has_public_float((on_false, on_true)) else 0
+        self.bit, self.on_false, self.on_true = bit, on_false, on_true
+        low, high = ring.encode(on_false, frac_bits), ring.encode(on_true, frac_bits)
+        chosen = Value(context, frac_bits, share=bit.share * (high - low)).add_public(low)
+        super().__init__(context, frac_bits, share=chosen.share)
+
+    def reciprocal(self) -> "OneOfTwo":
+        return OneOfTwo(self.context, self.bit, 1.0 / self.on_false, 1.0 / self.on_true)
+
+
 @rule("select_n")
-def _select(context: Context, which: Operand, *cases: Operand) -> Value:
+def _select(context: Context, which: Operand, *cases: Operand) -> Operand:
     if not isinstance(which, Value):
+        if isinstance(which, np.ndarray) and which.size and np.all(which == which.flat[0]):
+            return cases[int(which.flat[0])]
         aligned = _side_by_side(context, cases)
         chosen = lax.select_n_p.bind(which, *[case.share for case in aligned])
         return Value(context, aligned[0].frac_bits, share=chosen)
@@ -277,7 +406,9 @@ def _select(context: Context, which: Operand, *cases: Operand) -> Value:
     on_false, on_true = cases
     if isinstance(on_true, Value) and _is_zero(on_false):
         return which.times(on_true)
-    bits = context.protocol.frac_bits
+    if not isinstance(on_true, Value) and not isinstance(on_false, Value):
+        return OneOfTwo(context, which, on_false, on_true)
+    bits = context.protocol.frac_bits if _has_public_float(cases) else 0
     return where(which, _to_value(context, on_true, bits), _to_value(context, on_false, bits))
 
 
@@ -331,6 +462,11 @@ def _tournament(context: Context, x: Value) -> Value:
     return Value(context, 0, share=index.share[..., 0])
 
 
+@rule("argmin")
+def _argmin(context: Context, x: Value, **params: Any) -> Value:
+    return RULES["argmax"](context, x.negated(), **params)
+
+
 # --- logic on secret bits ---------------------------------------------------------------------------
 
 
@@ -347,3 +483,18 @@ def _and(context: Context, x: Operand, y: Operand) -> Value:
 @rule("or")
 def _or(context: Context, x: Operand, y: Operand) -> Value:
     return _sub(context, _add(context, x, y), _mul(context, x, y))
+
+
+@rule("xor")
+def _xor(context: Context, x: Operand, y: Operand) -> Value:
+    return _sub(context, _add(context, x, y), _mul(context, _mul(context, x, y), np.array(2)))
+
+
+@rule("reduce_or")
+def _any(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Value:
+    return _reduce_sum(context, x, axes=axes).positive
+
+
+@rule("reduce_and")
+def _all(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Value:
+    return _not(context, _any(context, _sub(context, np.array(1), x), axes=axes))

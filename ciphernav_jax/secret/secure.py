@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 from jax.core import Tracer
 from jax.extend import source_info_util
-from jax.extend.core import Jaxpr, JaxprEqn, Literal
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 from jax.sharding import Mesh
 
 from ciphernav_jax.protocols import Protocol
@@ -24,7 +24,8 @@ from ciphernav_jax.protocols.jaxprs import wrapped
 from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
 from ciphernav_jax.secret.array import Secret
-from ciphernav_jax.secret.rules import RULES, Unsupported
+from ciphernav_jax.secret.loops import LOOPS
+from ciphernav_jax.secret.rules import RULES, Unsupported, at_rest
 from ciphernav_jax.secret.value import Context, Value
 
 
@@ -64,6 +65,7 @@ class Secure:
         """Traces the function and has its program run: `run(program, key, parties, private, public, mesh,
         generator)` is that of `protocols.run`, or another that looks at what passes.
         """
+        key = _key_of_each(key, args)
         leaves, tree = jax.tree.flatten(args, is_leaf=_is_secret)
         leaves = [x.party_first() if isinstance(x, Secret) else x for x in leaves]
         secrets = [x for x in leaves if isinstance(x, Secret)]
@@ -114,8 +116,9 @@ def secure(function: Callable[..., Any], *, protocol: Protocol | None = None) ->
 
     Args:
         function: any JAX function of float arrays (pytrees of them) whose primitives have a rule: MLPs, ReLU,
-            squared losses, comparisons, `jnp.where`, sums, reshapes, and `jax.grad` of them. What it closes
-            over is public. Python numbers in it are constants: powers of two and integers multiply exactly.
+            squared losses, comparisons, `jnp.where`, sums, reshapes, and `jax.grad` of them; `lax.scan`,
+            `fori_loop`, `map`, and `while_loop`, `cond`, `switch` on public predicates. What it closes over
+            is public. Python numbers in it are constants: powers of two and integers multiply exactly.
         protocol: the variants; the precision must be that of the secrets given.
 
     Returns:
@@ -127,10 +130,32 @@ def secure(function: Callable[..., Any], *, protocol: Protocol | None = None) ->
         NotImplementedError: the function uses an operation that has no rule; the message names it, its line
             in the function, and a way out.
         ValueError: no secret among the arguments; secrets of different numbers of parties; a precision
-            other than the protocol's; local truncation for more than two parties.
+            other than the protocol's; local truncation for more than two parties; a `vmap` over arguments
+            with one key for all.
         TypeError: it is being differentiated; write `secure(jax.grad(f))`.
     """
     return Secure(function, protocol or Protocol())
+
+
+@jax.custom_batching.custom_vmap
+def _key_of_each(key: Array, args: tuple[Any, ...]) -> Array:
+    """The key; raises under a `vmap` that goes over arguments and not over the key.
+
+    All entries would be hidden by the same masks, so that the differences of what is opened would show the
+    differences of the entries.
+    """
+    return key
+
+
+@_key_of_each.def_vmap
+def _key_of_each_entry(_: int, in_batched: Any, key: Array, args: tuple[Any, ...]) -> tuple[Array, bool]:
+    if not in_batched[0]:
+        raise ValueError(
+            "vmap over a secure function with one key for all entries would hide them all by the same masks. "
+            "Give each entry a key: jax.vmap(step)(jax.random.split(key, n), ...)."
+        )
+    # Asked again for the vmaps around this one.
+    return _key_of_each(key, args), True
 
 
 def deploy(step: Secure, mesh: Mesh) -> Secure:
@@ -182,12 +207,7 @@ def _check_secrets(secrets: list[Secret], protocol: Protocol) -> int:
 
 def _finish(x: Any, dtype: np.dtype) -> Any:
     """An output with the precision that a `Secret` of its dtype has."""
-    if not isinstance(x, Value):
-        return x
-    if jnp.issubdtype(dtype, np.floating):
-        settled = x.settled
-        return settled.lifted(x.context.protocol.frac_bits)
-    return x
+    return at_rest(x.context, x, dtype) if isinstance(x, Value) else x
 
 
 def _evaluate_jaxpr(context: Context, jaxpr: Jaxpr, consts: list[Any], args: list[Any]) -> list[Any]:
@@ -214,22 +234,35 @@ def _evaluate_jaxpr(context: Context, jaxpr: Jaxpr, consts: list[Any], args: lis
     return [read(atom) for atom in jaxpr.outvars]
 
 
+def _evaluate_closed(context: Context, jaxpr: ClosedJaxpr, args: list[Any]) -> list[Any]:
+    return _evaluate_jaxpr(context, jaxpr.jaxpr, jaxpr.consts, args)
+
+
 def _evaluate_public(eqn: JaxprEqn, operands: list[Any]) -> list[Any]:
     """A step on public values alone; what is known while tracing stays known, as a numpy array."""
     bind = partial(eqn.primitive.bind, *operands, **eqn.primitive.get_bind_params(eqn.params))
     if all(isinstance(x, np.ndarray) for x in operands):
         with jax.ensure_compile_time_eval():
-            result = jax.tree.map(np.asarray, bind())
+            result = jax.tree.map(_known, bind())
     else:
         result = bind()
     return list(result) if eqn.primitive.multiple_results else [result]
 
 
+def _known(x: Any) -> Any:
+    """A numpy array, but for random keys, which have none."""
+    return x if jnp.issubdtype(x.dtype, jax.dtypes.extended) else np.asarray(x)
+
+
 def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
     name = eqn.primitive.name
     try:
+        if name in LOOPS:
+            with jax.named_scope(f"primitive:{name}"):
+                return LOOPS[name](_evaluate_closed, context, *operands, **eqn.params)
         if name not in RULES:
             raise Unsupported("it has no rule")
+        _check_dtype(name, eqn)
         with jax.named_scope(f"primitive:{name}"):
             return RULES[name](context, *operands, **eqn.params)
     except Unsupported as problem:
@@ -239,6 +272,19 @@ def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
         ) from None
 
 
+# Operations that mean something else for integers.
+BITS_ALONE = {"and", "or", "xor", "not", "reduce_and", "reduce_or"}
+FLOATS_ALONE = {"div"}
+
+
+def _check_dtype(name: str, eqn: JaxprEqn) -> None:
+    dtype = eqn.invars[0].aval.dtype  # pyright: ignore[reportAttributeAccessIssue]
+    if name in BITS_ALONE and dtype != np.bool_:
+        raise Unsupported(f"it works on the bits of a secret {dtype}; only bools have a rule")
+    if name in FLOATS_ALONE and not jnp.issubdtype(dtype, np.floating):
+        raise Unsupported(f"the quotient of a secret {dtype} is rounded; only floats have a rule")
+
+
 WAYS_OUT = {
     "exp": "Train with a squared loss and open the logits, or approximate it by a polynomial.",
     "log": "Train with a squared loss, or approximate it by a polynomial.",
@@ -246,15 +292,17 @@ WAYS_OUT = {
     "tanh": "Use ReLU, or the piecewise linear jnp.clip(x, -1, 1).",
     "sqrt": "Keep the square, or reveal it where that is agreed.",
     "conv_general_dilated": "Write the convolution as a product of patches (stacked slices) with the kernel.",
-    "while": "Loop outside: call secure(f) inside lax.scan or lax.while_loop.",
-    "scan": "Loop outside: call secure(f) inside lax.scan.",
-    "cond": "Select with jnp.where; a branch on a secret would show which side was taken.",
+    "while": "Loop a public number of times and keep what is done with jnp.where: the end of a loop shows.",
+    "cond": "Compute all branches and select with jnp.where: a branch taken on a secret shows which it was.",
 }
 
 
+DEFAULT_WAY_OUT = (
+    "Compute it on public values before sharing, or build it from what has a rule: sums, products, powers, "
+    "ReLU, max, min, abs, sign, comparisons, jnp.where, arg max, indexing by public indices, reshaping, and "
+    "loops and branches that public values decide (all of them: ciphernav_jax.secret.rules)."
+)
+
+
 def _way_out(name: str) -> str:
-    default = (
-        "Compute it on public values before sharing, or build it from supported operations: "
-        + ", ".join(sorted(RULES))
-    )
-    return WAYS_OUT.get(name, default + ".")
+    return WAYS_OUT.get(name, DEFAULT_WAY_OUT)

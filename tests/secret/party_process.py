@@ -27,8 +27,19 @@ def training_step(weights, x, y):
     return value, jax.tree.map(lambda w, g: w - 2.0**-8 * g, weights, gradient)
 
 
+def loops(x, n):
+    """A scan, a branch and a loop that only the run decides on; n is public."""
+    scanned = jax.lax.scan(lambda carry, row: (carry * row, jax.nn.relu(row)), x[0], x)
+    branched = jax.lax.cond(n > 1, lambda: x * x, lambda: x)
+    return scanned, branched, jax.lax.fori_loop(0, n, lambda i, carry: carry * x[i], x[0])
+
+
+def everything(weights, x, y, n):
+    return training_step(weights, x, y), loops(x[:3], n)
+
+
 def inputs():
-    """The shares that the parties start from, the same in every process."""
+    """The shares that the parties start from, and a public number; the same in every process."""
     keys = jax.random.split(jax.random.key(7), 4)
     shapes = {"first": (6, 5), "second": (5, 3)}
     weights = {
@@ -37,7 +48,7 @@ def inputs():
     }
     x = jax.random.normal(keys[2], (9, 6), jnp.float32)
     y = jax.random.normal(keys[3], (9, 3), jnp.float32)
-    return cn.share(jax.random.key(8), (weights, x, y), parties=PARTIES)
+    return *cn.share(jax.random.key(8), (weights, x, y), parties=PARTIES), np.int64(2)
 
 
 def shares_of(result) -> list[np.ndarray]:
@@ -64,7 +75,7 @@ def main() -> None:
     mesh = jax.make_mesh((PARTIES,), ("party",))
     # numpy inputs: every process holds the same, and each device takes its party's part.
     args = jax.tree.map(np.asarray, inputs())
-    result = cn.deploy(cn.secure(training_step), mesh)(jax.random.key(9), *args)
+    result = cn.deploy(cn.secure(everything), mesh)(jax.random.key(9), *args)
     np.savez(out / f"{name}.npz", *shares_of(result))
 
 

@@ -12,7 +12,7 @@ import pytest
 import ciphernav_jax as cn
 from ciphernav_jax.protocols import party
 
-from .party_process import PARTIES, inputs, training_step
+from .party_process import PARTIES, everything, inputs
 
 SCRIPT = Path(__file__).with_name("party_process.py")
 TIME_LIMIT = 240
@@ -34,7 +34,7 @@ def finish(process):
 
 @pytest.fixture(scope="module")
 def simulated():
-    result = cn.secure(training_step)(jax.random.key(9), *inputs())
+    result = cn.secure(everything)(jax.random.key(9), *inputs())
     return [np.asarray(leaf) for leaf in jax.tree.leaves(result)]
 
 
@@ -60,7 +60,7 @@ def test_two_processes_compute_the_simulation_s_shares(simulated, tmp_path):
 
 def test_the_simulated_step_is_the_plain_one(simulated):
     """So that the equalities above are not between equally wrong shares."""
-    plain = jax.tree.leaves(training_step(*cn.reveal(inputs())))
+    plain = jax.tree.leaves(everything(*cn.reveal(inputs())))
     for shares, value in zip(simulated, plain, strict=True):
         signed = shares.sum(axis=0, dtype=np.uint64).astype(np.int64)
         np.testing.assert_allclose(signed * 2.0**-20, value, rtol=1e-5, atol=1e-4)
