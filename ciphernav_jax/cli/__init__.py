@@ -1,10 +1,10 @@
-"""The command line: `ciphernav generate | train | evaluate | demo | bench`.
+"""The command line: `ciphernav generate | train | evaluate | demo | bench | sweep`.
 
 - `options`: what each command can be told.
 - `commands`: train and evaluate.
 - `demo`: the whole job, small.
 
-`bench` is in the package `experiments`.
+`bench` and `sweep` are in the package `experiments`.
 
 What a command needs is imported when it runs, so that `--help` is quick and the processes that
 render never load JAX.
@@ -14,14 +14,21 @@ import sys
 
 import tyro
 
-from ciphernav_jax.cli.options import Bench, Demo, Evaluate, Train
+from ciphernav_jax.cli.options import Bench, Demo, Evaluate, Sweep, Train
 from ciphernav_jax.world.generate import Generate
 
 
 def main() -> None:
     """Parse the command line and run the command."""
     command = tyro.extras.subcommand_cli_from_dict(
-        {"generate": Generate, "train": Train, "evaluate": Evaluate, "demo": Demo, "bench": Bench},
+        {
+            "generate": Generate,
+            "train": Train,
+            "evaluate": Evaluate,
+            "demo": Demo,
+            "bench": Bench,
+            "sweep": Sweep,
+        },
         prog="ciphernav",
         description="A robot that navigates by other parties' cameras while nobody sees anybody's images.",
     )
@@ -32,7 +39,7 @@ def main() -> None:
         sys.exit(1)
 
 
-def _run(command: Generate | Train | Evaluate | Demo | Bench) -> None:
+def _run(command: Generate | Train | Evaluate | Demo | Bench | Sweep) -> None:
     match command:
         case Generate():
             from ciphernav_jax.world import generate
@@ -62,4 +69,15 @@ def _run(command: Generate | Train | Evaluate | Demo | Bench) -> None:
                 repeat=command.repeat,
                 with_peers=peers.PEERS if command.peers else (),
                 time_limit=command.time_limit,
+            )
+        case Sweep():
+            from ciphernav_jax.experiments import sweep, variants
+            from ciphernav_jax.experiments.trial import Effort
+
+            sweep.run(
+                parties=command.parties,
+                protocols=[variants.parse(text) for text in command.variant],
+                out=command.out,
+                seed=command.seed,
+                effort=Effort(steps=command.steps, time_limit=command.time_limit),
             )

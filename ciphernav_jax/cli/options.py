@@ -12,6 +12,26 @@ Method = Literal[
 ]
 WorkName = Literal["product", "relu", "forward-public", "forward", "train", "train-loop"]
 
+# What `sweep` compares unless told otherwise. The ripple adder is left to ask for: 63 rounds.
+VARIANTS = (
+    "default",
+    "truncation=nearest",
+    "truncation=floor",
+    "truncation=wrap-count",
+    "truncation=local",
+    "frac_bits=16",
+    "truncation=floor,frac_bits=16",
+    "truncation=wrap-count,frac_bits=16",
+    "comparison=masked-words",
+    "comparison=resharing",
+    "adder=kogge-stone",
+    "adder=brent-kung",
+    "range_bits=16",
+    "generator=chacha20",
+    "multiplication=ideal",
+    "multiplication=ideal,truncation=ideal,comparison=ideal",
+)
+
 
 @dataclass
 class Train:
@@ -133,3 +153,39 @@ class Bench:
     """Run the other frameworks too."""
     time_limit: float = 300
     """Seconds after which a peer's work counts as not finished."""
+
+
+@dataclass
+class Sweep:
+    """Compare protocol variants and numbers of parties, on one table and one picture.
+
+    For each: seconds of a training step and of a forward pass of the paper's classifier; rounds, bytes, and
+    the time they take on a LAN and a WAN; errors of outputs, gradients and of the loss after a training,
+    against float64; and how often truncations fail. A variant is written as what differs from the default:
+    NAME=VALUE, several with commas. The names are multiplication, truncation, comparison, adder,
+    range_bits, frac_bits and generator; a wrong value is answered with those there are.
+
+    Each variant with each number of parties runs in a process of its own, and what OUT holds already is kept:
+    the same command goes on where it was killed, and another one adds to the same table.
+
+    For example: `ciphernav sweep --parties 2 5 --variant default truncation=nearest,frac_bits=16`.
+    """
+
+    out: Path = Path("out/sweep")
+    """Folder for sweep.json, sweep.md and sweep.png."""
+    parties: Annotated[list[int], tyro.conf.arg(metavar="P [P ...]")] = field(
+        default_factory=lambda: [2, 5, 16]
+    )
+    """Numbers of parties. The default variants take about 20 minutes with the default three on two cores,
+    about 15 more with 3 and 8."""
+    variant: Annotated[list[str], tyro.conf.arg(metavar="VARIANT [VARIANT ...]")] = field(
+        default_factory=lambda: list(VARIANTS)
+    )
+    """Protocols, each as what differs from the default. *Ideal* variants, a trusted third party, are no
+    protocols and are marked so; local truncation is for two parties."""
+    steps: int = 100
+    """Steps of the training whose loss is compared with float64; a multiple of 10."""
+    time_limit: float = 15
+    """Seconds: no such training where it would take longer; its steps are then timed alone."""
+    seed: int = 0
+    """Of the weights, the data, the shares and the protocols."""

@@ -3,7 +3,13 @@
 - `work`: what is computed, the same for everybody: ordinary JAX functions and their inputs.
 - `variants`: protocol variants as words of a command line.
 - `floor`: what a work needs at least, at rates measured on the spot.
+- `process`, `tables`: a process for each measurement; tables for a terminal and in Markdown.
 - `measure`: one work, one number of parties, one process.
 - `peers`: other frameworks on the same work, each in a virtual environment of its own.
 - `bench`: all of it, in one table.
+- `failures`: how often a truncation fails.
+- `training`: a training to compare variants by.
+- `trial`: one variant, one number of parties: time, cost, errors, failures.
+- `pictures`: of a sweep.
+- `sweep`: variants and numbers of parties, in one table and one picture.
 """

@@ -6,25 +6,22 @@ OUT/peers        the peers' virtual environments, and their finished measurement
 """
 
 import itertools
-import os
-import subprocess
-import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from ciphernav_jax.experiments import floor, peers
+from ciphernav_jax.experiments import floor, measure, peers, process, tables
 from ciphernav_jax.experiments.measure import Order
+from ciphernav_jax.experiments.tables import ms
 from ciphernav_jax.experiments.work import Sizes, works
 from ciphernav_jax.navigation import record
-from ciphernav_jax.navigation.storage import read_json, write_json, write_text
+from ciphernav_jax.navigation.storage import write_json, write_text
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.sharing import require_parties
 
@@ -133,7 +130,7 @@ def run(
             _compare(document, floor.rates())
             write_json(out / "bench.json", document)
             progress.advance(task)
-            median = _ms(document["results"][-1]["seconds"]["median"])
+            median = ms(document["results"][-1]["seconds"]["median"])
             console.print(f"  {order.work}, {order.parties} parties, {order.protocol}: {median} ms")
     console.print(table(document))
 
@@ -160,8 +157,9 @@ def _compare(document: dict[str, Any], rates: dict[str, float]) -> None:
 
 def _measured(order: Order) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as cache:
-        result = _in_a_process(order, cache)
-        again = _in_a_process(replace(order, compile_only=True), cache)
+        title = f"{order.work} with {order.parties} parties"
+        result = process.run(measure, order.as_json(), title, cache)
+        again = process.run(measure, replace(order, compile_only=True).as_json(), title, cache)
     return {
         "work": order.work,
         "parties": order.parties,
@@ -171,24 +169,6 @@ def _measured(order: Order) -> dict[str, Any]:
         "warm_s": again["trace_s"] + again["compile_s"],
         "target_s": TARGETS.get((order.work, order.parties)) if order.protocol == Protocol() else None,
     }
-
-
-def _in_a_process(order: Order, cache: str) -> dict[str, Any]:
-    with tempfile.TemporaryDirectory() as folder:
-        asked, answer = Path(folder) / "order.json", Path(folder) / "result.json"
-        write_json(asked, order.as_json())
-        command = [sys.executable, "-m", "ciphernav_jax.experiments.measure", str(asked), str(answer)]
-        done = subprocess.run(
-            command,
-            env=os.environ | {"JAX_COMPILATION_CACHE_DIR": cache},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if done.returncode:
-            last = "\n".join(done.stderr.strip().splitlines()[-5:])
-            raise RuntimeError(f"{order.work} with {order.parties} parties failed:\n{last}")
-        return read_json(answer)
 
 
 def rows(document: dict[str, Any], titles: dict[str, str]) -> list[tuple[str, ...]]:
@@ -202,11 +182,11 @@ def _row(result: dict[str, Any], title: str, several: bool) -> tuple[str, ...]:
     return (
         f"{title} ({result['protocol']})" if several else title,
         str(result["parties"]),
-        _ms(times["median"]),
-        f"{_ms(times['q1'])}-{_ms(times['q3'])}",
-        _ms(times["median"] / result["parties"]),
-        "" if target is None else _ms(target),
-        _ms(result["floor_s"]),
+        ms(times["median"]),
+        f"{ms(times['q1'])}-{ms(times['q3'])}",
+        ms(times["median"] / result["parties"]),
+        "" if target is None else ms(target),
+        ms(result["floor_s"]),
         f"{result['times_floor']:.1f}",
         f"{result['trace_s'] + result['compile_s']:.1f}",
         f"{result['warm_s']:.1f}",
@@ -232,7 +212,7 @@ def peers_rows(
         found = [theirs.get((name, work, parties)) for name in names]
         if any(found):
             cells = [_peer_cell(result, seconds) for result in found]
-            table.append((titles[work], str(parties), _ms(seconds), *cells))
+            table.append((titles[work], str(parties), ms(seconds), *cells))
     return ("work", "P", "ciphernav_jax", *names), table
 
 
@@ -242,7 +222,7 @@ def _peer_cell(result: dict[str, Any] | None, ours: float) -> str:
     if "seconds" not in result:
         return result["status"]
     median = result["seconds"]["median"]
-    return f"{_ms(median)} ({median / ours:.1f})"
+    return f"{ms(median)} ({median / ours:.1f})"
 
 
 def markdown(document: dict[str, Any]) -> str:
@@ -254,21 +234,16 @@ def markdown(document: dict[str, Any]) -> str:
         f"{document['rates']['random_bytes'] / 1e9:.1f} GB of random words a second.\n\n"
     )
     titles = document["titles"]
-    text += _markdown(HEADER, rows(document, titles)) + f"\n\n{NOTE}\n"
+    text += tables.markdown(HEADER, rows(document, titles)) + f"\n\n{NOTE}\n"
     if document["peers"]:
-        text += f"\n{_markdown(*peers_rows(document, titles))}\n\n{PEERS_NOTE}\n"
+        text += f"\n{tables.markdown(*peers_rows(document, titles))}\n\n{PEERS_NOTE}\n"
     return text
-
-
-def _markdown(header: tuple[str, ...], cells: Iterable[tuple[str, ...]]) -> str:
-    lines = [header, ("---",) + ("---:",) * (len(header) - 1), *cells]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def table(document: dict[str, Any]) -> Table:
     """Our own table for a terminal, with the short names of the works, and what they stand for."""
     what = "\n".join(f"{name}: {title}" for name, title in document["titles"].items())
-    return _table("Secret-shared work", HEADER, rows(document, _names(document)), f"{what}\n{NOTE}")
+    return tables.terminal("Secret-shared work", HEADER, rows(document, _names(document)), f"{what}\n{NOTE}")
 
 
 def peers_table(document: dict[str, Any]) -> Table:
@@ -279,21 +254,8 @@ def peers_table(document: dict[str, Any]) -> Table:
         if "seconds" not in r
     ]
     header, cells = peers_rows(document, _names(document))
-    return _table("Beside other frameworks", header, cells, "\n".join([PEERS_NOTE, *failed]))
+    return tables.terminal("Beside other frameworks", header, cells, "\n".join([PEERS_NOTE, *failed]))
 
 
 def _names(document: dict[str, Any]) -> dict[str, str]:
     return {name: name for name in document["titles"]}
-
-
-def _table(title: str, header: tuple[str, ...], cells: list[tuple[str, ...]], note: str) -> Table:
-    shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    for column in header:
-        shown.add_column(column, justify="left" if column == "work" else "right", overflow="fold")
-    for row in cells:
-        shown.add_row(*row)
-    return shown
-
-
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.3g}" if seconds < 1 else f"{1e3 * seconds:.0f}"

@@ -7,12 +7,14 @@ an honest peak of memory, and compile times in which nothing was prepared.
 import resource
 import sys
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
+from jax import Array
 
 from ciphernav_jax.experiments import floor
 from ciphernav_jax.experiments.work import Sizes, error, works
@@ -67,30 +69,52 @@ def measure(order: Order) -> dict[str, Any]:
         else arg
         for i, (arg, secret) in enumerate(zip(work.args, work.secret, strict=True))
     )
-    start = time.perf_counter()
-    lowered = jax.jit(work.secured(order.protocol)).lower(keys[1], *args)
-    traced = time.perf_counter()
-    run = lowered.compile()
-    compiled = time.perf_counter()
-    result: dict[str, Any] = {"trace_s": traced - start, "compile_s": compiled - traced}
+    run, result = compiled(work.secured(order.protocol), keys[1], *args)
     if order.compile_only:
         return result
 
     found = jax.block_until_ready(run(keys[1], *args))
-    times = []
-    while len(times) < (order.repeat or 200):
-        key = jax.block_until_ready(jax.random.fold_in(keys[1], len(times)))
-        start = time.perf_counter()
-        jax.block_until_ready(run(key, *args))
-        times.append(time.perf_counter() - start)
-        if order.repeat is None and len(times) >= 5 and sum(times) > SECONDS:
-            break
+    times = [seconds for seconds, _ in calls(run, keys[1], args, order.repeat)]
     return result | {
         "seconds": summary([t / work.steps for t in times]),
-        "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * MAXRSS_UNIT,
+        "peak_bytes": peak_bytes(),
         "error": error(reveal(found), work.expected()),
         "needs": floor.needs(work, order.protocol, order.parties, args),
     }
+
+
+def compiled(function: Callable[..., Any], *args: Any) -> tuple[Callable[..., Any], dict[str, Any]]:
+    """The function compiled for these arguments, and the seconds that took: trace_s, compile_s."""
+    start = time.perf_counter()
+    lowered = jax.jit(function).lower(*args)
+    traced = time.perf_counter()
+    run = lowered.compile()
+    return run, {"trace_s": traced - start, "compile_s": time.perf_counter() - traced}
+
+
+def timed(run: Callable[..., Any], *args: Any) -> tuple[float, Any]:
+    """Seconds of one call, and its result."""
+    start = time.perf_counter()
+    result = jax.block_until_ready(run(*args))
+    return time.perf_counter() - start, result
+
+
+def calls(
+    run: Callable[..., Any], key: Array, args: tuple[Any, ...], repeat: int | None = None
+) -> Iterator[tuple[float, Any]]:
+    """Seconds and results of `repeat` calls, each with a key of its own; of as many as fill `SECONDS`."""
+    total = 0.0
+    for i in range(repeat or 200):
+        seconds, result = timed(run, jax.block_until_ready(jax.random.fold_in(key, i)), *args)
+        yield seconds, result
+        total += seconds
+        if repeat is None and i >= 4 and total > SECONDS:
+            break
+
+
+def peak_bytes() -> int:
+    """Peak memory of this process, with Python, JAX and the compiler."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * MAXRSS_UNIT
 
 
 def summary(times: list[float]) -> dict[str, float | int]:

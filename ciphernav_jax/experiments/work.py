@@ -97,13 +97,15 @@ def forward(weights: Weights, x: Array) -> Array:
     return x @ kernel + bias
 
 
+def squared_error(weights: Weights, x: Array, labels: Array) -> Array:
+    """Summed over the batch and the actions."""
+    return jnp.sum(jnp.square(forward(weights, x) - labels))
+
+
 def train_step(weights: Weights, x: Array, labels: Array) -> tuple[Weights, Array]:
     """The weights after a step of SGD, and the squared error summed over the batch before it."""
 
-    def error(weights):
-        return jnp.sum(jnp.square(forward(weights, x) - labels))
-
-    loss, gradient = jax.value_and_grad(error)(weights)
+    loss, gradient = jax.value_and_grad(squared_error)(weights, x, labels)
     return jax.tree.map(lambda w, g: w - RATE * g, weights, gradient), loss
 
 
@@ -118,8 +120,8 @@ def works(sizes: Sizes | None = None, seed: int = 0) -> dict[str, Work]:
     rng = np.random.default_rng(seed)
     rows, contraction, columns = sizes.product
     layers = tuple(itertools.pairwise(sizes.widths))
-    weights = [_layer(rng, fan_in, fan_out) for fan_in, fan_out in layers]
-    few, many = (_normal(rng, n, sizes.widths[0]) for n in (sizes.forward, sizes.train))
+    weights = random_weights(rng, sizes.widths)
+    few, many = (random_inputs(rng, n, sizes.widths[0]) for n in (sizes.forward, sizes.train))
     actions = sizes.widths[-1]
     labels = np.eye(actions)[rng.integers(0, actions, sizes.train)]
 
@@ -135,11 +137,11 @@ def works(sizes: Sizes | None = None, seed: int = 0) -> dict[str, Work]:
             "product",
             f"product {rows}x{contraction}x{columns}, both secret",
             product,
-            (_normal(rng, rows, contraction), _normal(rng, contraction, columns)),
+            (random_inputs(rng, rows, contraction), random_inputs(rng, contraction, columns)),
             (True, True),
             ((rows, contraction, columns),),
         ),
-        Work("relu", f"ReLU of {sizes.relu:,}", jax.nn.relu, (4 * _normal(rng, sizes.relu),), (True,)),
+        Work("relu", f"ReLU of {sizes.relu:,}", jax.nn.relu, (4 * random_inputs(rng, sizes.relu),), (True,)),
         Work(
             "forward-public",
             f"forward, batch {sizes.forward}, public weights",
@@ -171,8 +173,14 @@ def error(found: Any, expected: Any) -> float:
     return float(np.max(errors))
 
 
-def _normal(rng: np.random.Generator, *shape: int) -> np.ndarray:
+def random_inputs(rng: np.random.Generator, *shape: int) -> np.ndarray:
+    """float64 from the normal distribution, with the values of float32."""
     return rng.standard_normal(shape, np.float32).astype(np.float64)
+
+
+def random_weights(rng: np.random.Generator, widths: tuple[int, ...]) -> Weights:
+    """A kernel and a bias for each layer, float64 with the values of float32."""
+    return [_layer(rng, fan_in, fan_out) for fan_in, fan_out in itertools.pairwise(widths)]
 
 
 def _layer(rng: np.random.Generator, fan_in: int, fan_out: int) -> tuple[np.ndarray, np.ndarray]:

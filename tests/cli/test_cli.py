@@ -21,6 +21,7 @@ def run(monkeypatch, *words):
         ("evaluate", "--model"),
         ("demo", "--workers"),
         ("bench", "--peers"),
+        ("sweep", "--variant"),
     ],
 )
 def test_every_command_has_help_with_a_seed_and_an_output_folder(monkeypatch, capsys, command, word):

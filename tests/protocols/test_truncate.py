@@ -1,16 +1,14 @@
 import functools
 import math
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax import lax
 from scipy import stats
 from simulated import EDGES, PARTIES, elements, on_secrets, signed
 
-from ciphernav_jax.protocols import ideal, sharing, truncate
-from ciphernav_jax.protocols.run import run
+from ciphernav_jax.experiments.failures import failures
+from ciphernav_jax.protocols import Protocol, ideal, truncate
 
 SHIFTS = [*range(1, 41), 61, 62]
 FEW = [1, 20, 40, 62]
@@ -144,37 +142,9 @@ FAILING = {
 }
 
 
-@functools.cache
-def failures(variant, parties, frac_bits, rounds=40, count=1 << 18):
-    """How many of rounds x count truncations of products v 2^(2 f), |v| = 30,000, fail: land farther away
-    than any rounding could bring them.
-    """
-    v = 30_000 << 2 * frac_bits
-
-    def program(dealer, x, _):
-        return VARIANTS[variant](dealer, x, frac_bits), None
-
-    def one_round(_, key):
-        x_key, share_key, dealer_key = jax.random.split(key, 3)
-        x = jnp.where(jax.random.bernoulli(x_key, shape=(count,)), v, -v).astype(jnp.int64)
-        shares = sharing.share_ring(share_key, lax.bitcast_convert_type(x, jnp.uint64), parties)
-        y, _ = run(
-            lambda dealer, x, _: (VARIANTS[variant](dealer, x, frac_bits), None),
-            dealer_key,
-            parties,
-            shares,
-            None,
-        )
-        error = lax.bitcast_convert_type(sharing.join_sum(y), jnp.int64) - (x >> frac_bits)
-        return None, jnp.sum(jnp.abs(error) > parties)
-
-    keys = jax.random.split(jax.random.key(frac_bits), rounds)
-    return int(jnp.sum(jax.jit(lambda keys: lax.scan(one_round, None, keys)[1])(keys))), rounds * count
-
-
 @pytest.mark.parametrize(("variant", "parties", "frac_bits"), FAILING)
 def test_of_ten_million_truncations_of_large_values_as_many_fail_as_stated(variant, parties, frac_bits):
-    failed, total = failures(variant, parties, frac_bits)
+    failed, total = failures(Protocol(truncation=variant, frac_bits=frac_bits), parties, seed=frac_bits)
     assert total >= 10**7
     probability = FAILING[variant, parties, frac_bits]
     if probability == 0:

@@ -1,0 +1,29 @@
+"""Tables of measurements, for a terminal and in Markdown."""
+
+from collections.abc import Iterable
+
+from rich import box
+from rich.table import Table
+
+Cells = tuple[str, ...]
+
+
+def markdown(header: Cells, rows: Iterable[Cells]) -> str:
+    """The first column to the left, the others to the right."""
+    lines = [header, ("---",) + ("---:",) * (len(header) - 1), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def terminal(title: str, header: Cells, rows: Iterable[Cells], note: str) -> Table:
+    """The same for rich, with a note below."""
+    shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for i, column in enumerate(header):
+        shown.add_column(column, justify="right" if i else "left", overflow="fold")
+    for row in rows:
+        shown.add_row(*row)
+    return shown
+
+
+def ms(seconds: float) -> str:
+    """Milliseconds with three digits."""
+    return f"{1e3 * seconds:.3g}" if seconds < 1 else f"{1e3 * seconds:.0f}"
