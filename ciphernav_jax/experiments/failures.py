@@ -24,7 +24,7 @@ def failures(
     Args:
         protocol: the variant, by its name and fractional bits.
         parties: P.
-        value: the products' magnitude, an integer below `protocol.bound`.
+        value: the products' magnitude, below `protocol.bound`.
         rounds, count: `rounds` times `count` truncations, each round with fresh shares and randomness.
         seed: of the signs, the shares and the dealer.
 
@@ -40,7 +40,7 @@ def failures(
 
     def one_round(_: None, key: Array) -> tuple[None, Array]:
         sign_key, share_key, dealer_key = jax.random.split(key, 3)
-        x = jnp.where(jax.random.bernoulli(sign_key, shape=(count,)), value, -value)
+        x = jnp.where(jax.random.bernoulli(sign_key, shape=(count,)), float(value), -float(value))
         factors = share(share_key, (x, jnp.ones_like(x)), parties=parties, protocol=protocol)
         error = reveal(multiply(dealer_key, *factors)) - x
         return None, jnp.sum(jnp.abs(error) > parties * 2.0**-protocol.frac_bits)

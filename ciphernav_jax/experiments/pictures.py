@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-# Okabe and Ito's colours, for the default and three variants that differ most; the others are grey.
+# Okabe and Ito's colours, for the default and the extremes; the others are grey.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
 GREY = "#8C8C8C"
 SMALL = 8
@@ -21,31 +21,45 @@ def sweep(document: dict[str, Any], path: Path) -> None:
         path: the PNG to write.
     """
     done = [result for result in document["results"] if result["status"] == "done"]
-    figure = Figure(figsize=(11, 9), layout="constrained")
-    (time, cost), (error, loss) = figure.subplots(2, 2)
+    figure = Figure(figsize=(10, 8), layout="constrained")
+    upper, lower = figure.subfigures(2, 1)  # rows of their own: the lower one has long names at its left
+    (time, cost), (error, loss) = upper.subplots(1, 2), lower.subplots(1, 2, sharey=True)
     names = list(dict.fromkeys(result["protocol"] for result in done))
     series = {name: sorted((r for r in done if r["protocol"] == name), key=_parties) for name in names}
-    # The coloured ones: the default, and those whose time is farthest from it.
     _lines(time, series, lambda r: r["step"]["seconds"]["median"])
-    time.set(title="Training step, seconds (all parties on one machine)", yscale="log")
+    _title(time, "Training step, seconds")
     _lines(cost, series, lambda r: r["step"]["cost"] and r["step"]["cost"]["wan_s"])
-    cost.set(title="Training step on a WAN, projected seconds (messages alone)", yscale="log")
+    _title(cost, "Training step, seconds of messages on a WAN (projected)")
     fewest = min(map(_parties, done))
-    shown = [r for r in done if r["parties"] == fewest]
-    _bars(error, shown, lambda r: r["outputs"]["largest"])
-    error.set(title=f"Largest error of an output, P = {fewest}", xscale="log")
-    _bars(loss, [r for r in shown if r["curve"]], lambda r: abs(r["curve"][-1][1] / r["curve"][-1][2] - 1))
+    shown = sorted((r for r in done if r["parties"] == fewest), key=lambda r: r["outputs"]["largest"])
+    _dots(error, shown, [r["outputs"]["largest"] for r in shown])
+    _title(error, f"Largest error of an output, P = {fewest}")
+    _dots(loss, shown, [_off(r) for r in shown])
     steps = document["configuration"]["effort"]["steps"]
-    loss.set(title=f"Loss after {steps} steps: relative error, P = {fewest}", xscale="log")
+    _title(loss, f"Loss after {steps} steps: relative error, P = {fewest}")
     _save(figure, path)
 
 
 def label(result: dict[str, Any]) -> str:
     """The variant in few words."""
-    text = result["protocol"].replace("frac_bits=", "f=").replace("range_bits=", "range=")
-    for word in ("multiplication=", "truncation=", "comparison=", "adder=", "generator="):
-        text = text.replace(word, "" if "ideal" not in text else word[:5].rstrip("=") + ". ")
-    return f"{text} (not a protocol)" if result["ideal"] else text
+    words = [word.partition("=") for word in result["protocol"].split(", ")]
+    ideal = [name for name, _, value in words if value == "ideal"]
+    others = [
+        f"{name.removesuffix('_bits')} {value}" if name.endswith("_bits") else value or name
+        for name, _, value in words
+        if value != "ideal"
+    ]
+    if len(ideal) == 3:
+        ideal = ["all"]
+    said = f"{' and '.join(ideal)} ideal (not a protocol)"
+    return ", ".join([*others, said] if ideal else others)
+
+
+def _off(result: dict[str, Any]) -> float | None:
+    if not result["curve"]:
+        return None
+    _, found, expected = result["curve"][-1]
+    return abs(found / expected - 1)
 
 
 def _lines(axes: Axes, series: dict[str, list[dict]], value: Any) -> None:
@@ -54,7 +68,8 @@ def _lines(axes: Axes, series: dict[str, list[dict]], value: Any) -> None:
         points = [(r["parties"], value(r)) for r in results if value(r) is not None]
         if points:
             drawn[name] = points
-    ends = sorted(drawn, key=lambda name: drawn[name][-1][1])
+    last = max(points[-1][0] for points in drawn.values())
+    ends = sorted((name for name in drawn if drawn[name][-1][0] == last), key=lambda name: drawn[name][-1][1])
     # Direct labels for the default and the extremes; between them lines are too close to tell apart.
     named = dict.fromkeys(["default", *reversed(ends[-3:]), *ends[:1]])
     colours = dict(zip((n for n in named if n in drawn), COLOURS, strict=False))
@@ -63,14 +78,13 @@ def _lines(axes: Axes, series: dict[str, list[dict]], value: Any) -> None:
         colour, style = colours.get(name, GREY), "--" if series[name][0]["ideal"] else "-"
         front = name in colours
         axes.plot(x, y, style, color=colour, marker="o", ms=4 if front else 2.5, lw=1.8 if front else 0.8)
-    last = max(points[-1][0] for points in drawn.values())
     ticks = sorted({x for points in drawn.values() for x, _ in points})
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xticks(ticks, [str(x) for x in ticks])
     axes.minorticks_off()
     axes.set_xlabel("parties")
-    axes.set_xlim(right=last * 2.6)
+    axes.set_xlim(right=last * 4)
     _labels(axes, [(*drawn[name][-1], label(series[name][0]), colour) for name, colour in colours.items()])
     _clean(axes)
 
@@ -78,25 +92,30 @@ def _lines(axes: Axes, series: dict[str, list[dict]], value: Any) -> None:
 def _labels(axes: Axes, ends: list[tuple[float, float, str, str]]) -> None:
     """Names beside the ends of their lines, pushed apart where they would overlap."""
     low, high = axes.get_ylim()
-    gap, below = (high / low) ** 0.05, 0.0
+    gap, below = (high / low) ** 0.06, 0.0
+    axes.set_ylim(low, high * gap**2)
     for x, y, text, colour in sorted(ends, key=lambda end: end[1]):
         below = max(y, below * gap)
         axes.text(x * 1.07, below, text, color=colour, fontsize=SMALL, va="center")
 
 
-def _bars(axes: Axes, results: list[dict], value: Any) -> None:
-    results = sorted(results, key=value)
-    values = [value(r) for r in results]
-    default = [r["protocol"] == "default" for r in results]
-    colours = [COLOURS[0] if d else GREY for d in default]
-    axes.scatter(values, range(len(values)), c=colours, s=28, zorder=3)
-    axes.set_yticks(range(len(values)), [label(r) for r in results], fontsize=SMALL)
+def _dots(axes: Axes, results: list[dict], values: list[float | None]) -> None:
+    """A row for each variant, the default in colour; empty where there is no value."""
+    for row, (result, value) in enumerate(zip(results, values, strict=True)):
+        if value:
+            default = result["protocol"] == "default"
+            axes.scatter(value, row, color=COLOURS[0] if default else GREY, s=28, zorder=3)
+    axes.set_xscale("log")
+    axes.set_yticks(range(len(results)), [label(r) for r in results], fontsize=SMALL)
     _clean(axes)
+
+
+def _title(axes: Axes, text: str) -> None:
+    axes.set_title(text, fontsize=10, loc="left")
 
 
 def _clean(axes: Axes) -> None:
     axes.grid(alpha=0.25)
-    axes.title.set_fontsize(10)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
 
@@ -108,5 +127,5 @@ def _parties(result: dict[str, Any]) -> int:
 def _save(figure: Figure, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     aside = path.with_name(path.name + ".part")
-    figure.savefig(aside, format="png", dpi=110)
+    figure.savefig(aside, format="png", dpi=90)
     os.replace(aside, path)

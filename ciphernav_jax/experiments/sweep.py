@@ -52,7 +52,7 @@ NOTE = (
     "each party. Errors: the largest against float64, of the outputs and of the first gradient. Loss: after "
     "the training, by how many percent it is off float64's; - where the training was too slow to wait "
     "for. Failures: of single truncations of products of 30,000; ! where an output, a gradient or the "
-    "training failed."
+    "training failed, or a value was beyond the variant's range."
 )
 
 
@@ -235,5 +235,6 @@ def _loss(result: dict[str, Any]) -> str:
 
 def _failures(result: dict[str, Any]) -> str:
     failed, of = result["truncations"]["failed"], result["truncations"]["of"]
-    wrong = result["diverged"] or result["outputs"]["far"] or result["gradients"]["far"]
+    far = result["outputs"]["far"] or result["gradients"]["far"]
+    wrong = result["diverged"] or far or not result["in_range"]
     return f"{failed} of {of:,}" + " !" * bool(wrong) if failed or wrong else "0"

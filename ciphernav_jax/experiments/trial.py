@@ -83,7 +83,8 @@ def result_of(trial: Trial) -> dict[str, Any]:
         bytes_dealt, lan_s, wan_s; None where a variant is ideal). outputs, gradients: largest and rms error
         and how many of how many are `FAR`. curve: after every chunk the step and the losses, ours and in
         float64; None where the training would take too long. diverged: whether a loss or a weight is not
-        finite or FAR (None too). truncations: failed, of, value. largest_sign_input: in float64.
+        finite or FAR (None too). truncations: failed, of, value. largest_sign_input: in float64,
+        in_range: whether it is within the protocol's range_bits.
         peak_bytes.
     """
     plain = training(trial.effort.sizes, trial.seed)
@@ -96,11 +97,13 @@ def result_of(trial: Trial) -> dict[str, Any]:
     failed, of = failures(
         trial.protocol, trial.parties, value, effort.truncations // count, count, trial.seed
     )
+    range_bits = trial.protocol.range_bits
     return {
         "forward": passed,
         "step": trained,
         "outputs": outputs,
         **learned,
+        "in_range": range_bits is None or learned["largest_sign_input"] < 2**range_bits,
         "truncations": {"failed": failed, "of": of, "value": value},
         "peak_bytes": peak_bytes(),
     }
