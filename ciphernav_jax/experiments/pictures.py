@@ -22,7 +22,9 @@ def sweep(document: dict[str, Any], path: Path) -> None:
     """
     done = [result for result in document["results"] if result["status"] == "done"]
     figure = Figure(figsize=(10, 8), layout="constrained")
-    upper, lower = figure.subfigures(2, 1)  # rows of their own: the lower one has long names at its left
+    upper, lower = figure.subfigures(
+        2, 1, squeeze=False
+    ).flat  # rows of their own: the lower one has long names at its left
     (time, cost), (error, loss) = upper.subplots(1, 2), lower.subplots(1, 2, sharey=True)
     names = list(dict.fromkeys(result["protocol"] for result in done))
     series = {name: sorted((r for r in done if r["protocol"] == name), key=_parties) for name in names}
@@ -68,6 +70,9 @@ def _lines(axes: Axes, series: dict[str, list[dict]], value: Any) -> None:
         points = [(r["parties"], value(r)) for r in results if value(r) is not None]
         if points:
             drawn[name] = points
+    if not drawn:  # ideal variants alone have no messages
+        axes.set_axis_off()
+        return
     last = max(points[-1][0] for points in drawn.values())
     ends = sorted((name for name in drawn if drawn[name][-1][0] == last), key=lambda name: drawn[name][-1][1])
     # Direct labels for the default and the extremes; between them lines are too close to tell apart.

@@ -141,9 +141,11 @@ def _train(trial: Trial, plain: Training, key: Array) -> tuple[dict[str, Any], d
 
         return lax.fori_loop(0, count, step, state)
 
+    batch = jnp.asarray(plain.features), jnp.asarray(plain.labels)
+
     @jax.jit
     def in_float64(state: Any, count: Array) -> Any:
-        return lax.fori_loop(0, count, lambda _, s: sgd_step(s, plain.features, plain.labels), state)
+        return lax.fori_loop(0, count, lambda _, s: sgd_step(s, *batch), state)
 
     one, chunk = jnp.int32(1), jnp.int32(effort.chunk)
     run, trained = compiled(loop, first_key, state, one, features, labels)
@@ -158,7 +160,7 @@ def _train(trial: Trial, plain: Training, key: Array) -> tuple[dict[str, Any], d
         "gradients": _errors(found - expected),
         "curve": None,
         "diverged": None,
-        "largest_sign_input": largest_sign_input(plain.weights, jnp.asarray(plain.features)),
+        "largest_sign_input": largest_sign_input(plain.weights, batch[0]),
     }
     times = [seconds]
     if seconds * effort.steps > effort.time_limit:
@@ -174,7 +176,7 @@ def _train(trial: Trial, plain: Training, key: Array) -> tuple[dict[str, Any], d
             exact = in_float64(exact, chunk)
             curve.append([done + effort.chunk, float(reveal(state[2])), float(exact[2])])
             learned["largest_sign_input"] = max(
-                learned["largest_sign_input"], largest_sign_input(exact[0], jnp.asarray(plain.features))
+                learned["largest_sign_input"], largest_sign_input(exact[0], batch[0])
             )
         deviations = jax.tree.map(lambda a, b: np.max(np.abs(a - b)), reveal(state), exact)
         # The loss is a sum, far from 0 at first: it counts as part of float64's.

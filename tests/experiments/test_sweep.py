@@ -55,7 +55,8 @@ def test_a_trial():
         assert abs(found - expected) < 1e-2
     assert result["outputs"]["far"] == result["gradients"]["far"] == result["truncations"]["failed"] == 0
     assert result["diverged"] is False
-    assert result["in_range"] and 0.1 < result["largest_sign_input"] < 2**8
+    assert result["in_range"]
+    assert 0.1 < result["largest_sign_input"] < 2**8
 
 
 def test_a_training_that_would_take_too_long_is_left_out():
