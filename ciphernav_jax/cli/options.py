@@ -174,7 +174,7 @@ class Sweep:
     out: Path = Path("out/sweep")
     """Folder for sweep.json, sweep.md and sweep.png."""
     parties: Annotated[list[int], tyro.conf.arg(metavar="P [P ...]")] = field(default_factory=lambda: [2, 5])
-    """Numbers of parties. With 16 a variant takes two to five times as long as with 2."""
+    """Numbers of parties. A variant takes longer with more of them, resharing by far the most."""
     variant: Annotated[list[str], tyro.conf.arg(metavar="VARIANT [VARIANT ...]")] = field(
         default_factory=lambda: list(VARIANTS)
     )
