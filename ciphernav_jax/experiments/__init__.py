@@ -6,4 +6,5 @@
 - `measure`: one work, one number of parties, one process.
 - `peers`: other frameworks on the same work, each in a virtual environment of its own.
 - `bench`: all of it, in one table.
+- `primitives`: rounds, bytes and error of each primitive, for docs/primitives.md.
 """
