@@ -20,7 +20,7 @@ import importlib
 import os
 import sys
 
-from ciphernav_jax import compilation_cache, world  # noqa: F401  (world registers the gymnasium environment)
+from ciphernav_jax import allocator, compilation_cache, world  # noqa: F401  (world registers the gymnasium environment)
 
 __version__ = "0.1.0"
 
@@ -30,6 +30,7 @@ if "jax" in sys.modules:
 else:
     os.environ["JAX_ENABLE_X64"] = "1"
 
+allocator.keep_large_buffers()
 compilation_cache.switch_on()
 
 _HOME = {

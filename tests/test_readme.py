@@ -1,11 +1,14 @@
-"""The README's numbers come from committed JSON, and its example runs."""
+"""The README's numbers come from committed JSON, and its code runs and prints what is shown."""
 
+import contextlib
+import io
 import json
 import re
 from pathlib import Path
 
 import jax
 import numpy as np
+import pytest
 
 from ciphernav_jax.experiments import bench
 from ciphernav_jax.navigation import metrics
@@ -34,12 +37,39 @@ def test_the_demo_shows_the_point():
         assert accuracy[secret] > accuracy["plaintext"] - 3
 
 
-def test_the_example_runs(capsys):
-    example = next(
-        block for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL) if "cn.secure" in block
-    )
-    names = {}
-    exec(example, names)  # the README's own code
+BLOCK = re.compile(r"```(python|text)\n(.*?)```", re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def ran():
+    """The names left by the README's code about secrets, and what each block printed with what is shown."""
+    names, printed = {}, []
+    section = README[README.index("## Secret sharing") : README.index("## What is secret")]
+    for language, text in BLOCK.findall(section):
+        if language == "text":
+            printed[-1][1] = text
+            continue
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            exec(text, names)  # the README's own code
+        printed.append([out.getvalue(), None])
+    return names, printed
+
+
+def test_the_example_runs(ran):
+    names, printed = ran
     plain = jax.grad(names["loss"])(names["w"], names["x"], names["y"])
     np.testing.assert_allclose(names["cn"].reveal(names["gradient"]), plain, atol=1e-4)
-    assert capsys.readouterr().out.startswith("(5, 3, 2)")
+    assert printed[0][0].startswith("(5, 3, 2)")
+
+
+def test_the_loop_on_secrets_is_the_plain_loop(ran):
+    names, _ = ran
+    plain = names["train"](names["w"], names["x"], names["y"])
+    np.testing.assert_allclose(names["cn"].reveal(names["trained"]), plain, atol=1e-3)
+
+
+def test_the_outputs_shown_are_those_of_the_code(ran):
+    shown = [(out, text) for out, text in ran[1] if text is not None]
+    assert len(shown) == 2
+    for out, text in shown:
+        assert out == text

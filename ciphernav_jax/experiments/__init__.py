@@ -12,4 +12,5 @@
 - `trial`: one variant, one number of parties: time, cost, errors, failures.
 - `pictures`: of a sweep.
 - `sweep`: variants and numbers of parties, in one table and one picture.
+- `primitives`: rounds, bytes and error of each primitive, for docs/primitives.md.
 """

@@ -1,6 +1,6 @@
 """What a work needs at least: the time of its products and its randomness, at rates measured on the spot.
 
-- Multiply-adds: in float64, since a ring product takes six products of 22-bit limbs (`ring.linear`). The
+- Multiply-adds: in float64, since a ring product takes five products of 22-bit limbs (`ring.linear`). The
   dealer makes one ring product for each product of secrets and every party two; with a public factor every
   party makes one and the dealer none.
 - Random bytes: the uniform words of the dealer, at the speed of the generator.
@@ -22,7 +22,7 @@ from ciphernav_jax.experiments.work import Work
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import cost, secure
 
-LIMB_PRODUCTS = 6
+LIMB_PRODUCTS = 5
 
 
 def rates() -> dict[str, float]:

@@ -10,9 +10,10 @@ The dealer is trusted, takes part in nothing else, and must not collude with a p
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -37,8 +38,8 @@ class Ref(NamedTuple):
     name: str
 
 
-class Request(Protocol):
-    """One kind of correlated randomness.
+class Request(ABC):
+    """One kind of correlated randomness; a frozen dataclass.
 
     `draws` are the shapes of the independent uniform words it starts from, `deal` computes from them (and
     from the values of earlier requests) the values to be shared. Names in `binary` are shared by exclusive
@@ -46,27 +47,23 @@ class Request(Protocol):
     """
 
     @property
-    def binary(self) -> frozenset[str]: ...
+    def binary(self) -> frozenset[str]:
+        return frozenset()
 
     @property
-    def split(self) -> frozenset[str]: ...
+    def split(self) -> frozenset[str]:
+        return frozenset()
 
     @property
-    def draws(self) -> tuple[Shape, ...]: ...
+    def draws(self) -> tuple[Shape, ...]:
+        return ()
 
+    @abstractmethod
     def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values: ...
 
 
 @dataclass(frozen=True)
-class _Additive:
-    """A request whose values are shared additively, unless its class says otherwise."""
-
-    binary: ClassVar[frozenset[str]] = frozenset()
-    split: ClassVar[frozenset[str]] = frozenset()
-
-
-@dataclass(frozen=True)
-class Mask(_Additive):
+class Mask(Request):
     """A uniform ring element r for each entry, {"mask": shape}, and what its truncation and bits need.
 
     - shift > 0 adds the high part and the top bit, {"high": r >> shift, "top": r >> 63}, additively shared
@@ -82,7 +79,10 @@ class Mask(_Additive):
     bits: int = 0
     pairs: int = 0
     words: bool = False
-    binary: ClassVar[frozenset[str]] = frozenset({"bits", "pairs"})
+
+    @property
+    def binary(self) -> frozenset[str]:
+        return frozenset({"bits", "pairs"})
 
     @property
     def draws(self) -> tuple[Shape, ...]:
@@ -106,7 +106,7 @@ class Mask(_Additive):
 
 
 @dataclass(frozen=True)
-class Zero(_Additive):
+class Zero(Request):
     """Shares of nothing, {"zero": shape}: they make the shares of another value fresh.
 
     Shared additively, or by exclusive or with `xor`.
@@ -116,26 +116,25 @@ class Zero(_Additive):
     xor: bool = False
 
     @property
-    def binary(self) -> frozenset[str]:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def binary(self) -> frozenset[str]:
         return frozenset({"zero"} if self.xor else ())
-
-    @property
-    def draws(self) -> tuple[Shape, ...]:
-        return ()
 
     def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
         return {"zero": jnp.zeros(self.shape, jnp.uint64)}
 
 
 @dataclass(frozen=True)
-class WrapCount(_Additive):
+class WrapCount(Request):
     """A uniform r_i for each party, {"mask": shape}, and how often their signed sum wraps around,
     {"wraps": shape}, additively shared: sum r_i = (sum r_i mod 2^64) + 2^64 wraps, all read as signed.
     """
 
     shape: Shape
     parties: int
-    split: ClassVar[frozenset[str]] = frozenset({"mask"})
+
+    @property
+    def split(self) -> frozenset[str]:
+        return frozenset({"mask"})
 
     @property
     def draws(self) -> tuple[Shape, ...]:
@@ -147,15 +146,11 @@ class WrapCount(_Additive):
 
 
 @dataclass(frozen=True)
-class _OfTwo(_Additive):
+class _OfTwo(Request):
     """A request for something of two earlier values, which draws nothing of its own."""
 
     left: Ref
     right: Ref
-
-    @property
-    def draws(self) -> tuple[Shape, ...]:
-        return ()
 
     def factors(self, earlier: Sequence[Values]) -> tuple[Array, Array]:
         left, right = (earlier[ref.request][ref.name] for ref in (self.left, self.right))
@@ -186,14 +181,17 @@ class DotProduct(_OfTwo):
 
 
 @dataclass(frozen=True)
-class SharedBits(_Additive):
+class SharedBits(Request):
     """Uniform bits shared both ways: {"words": [*rows, B]}, 64 bits to a word, by exclusive or, and {"bits":
     [*rows, *shape]}, values 0 or 1, additively (daBits: Rotaru and Wood, INDOCRYPT 2019).
     """
 
     shape: Shape
     rows: Shape = ()
-    binary: ClassVar[frozenset[str]] = frozenset({"words"})
+
+    @property
+    def binary(self) -> frozenset[str]:
+        return frozenset({"words"})
 
     @property
     def draws(self) -> tuple[Shape, ...]:
@@ -204,14 +202,17 @@ class SharedBits(_Additive):
 
 
 @dataclass(frozen=True)
-class AndTriple(_Additive):
+class AndTriple(Request):
     """Words a, b and a & b for the conjunction of one word with several: {"left": shape},
     {"right": [count, *shape]}, {"product": [count, *shape]}, all shared by exclusive or.
     """
 
     shape: Shape
     count: int
-    binary: ClassVar[frozenset[str]] = frozenset({"left", "right", "product"})
+
+    @property
+    def binary(self) -> frozenset[str]:
+        return frozenset({"left", "right", "product"})
 
     @property
     def draws(self) -> tuple[Shape, ...]:

@@ -17,13 +17,13 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jaxtyping import UInt64
 
-from ciphernav_jax.protocols.dealer import Dealer, Plan, Shape, Values, deal
+from ciphernav_jax.protocols.dealer import Dealer, Plan, Request, Shape, Values, deal
 from ciphernav_jax.protocols.party import AXIS
 from ciphernav_jax.ring.random import Generator
 
 
 @dataclass(frozen=True)
-class Repeated:
+class Repeated(Request):
     """All that `plan` asks for, `times` times over: {"0/mask": [times, *shape], ...}, each value under the
     number of its request in the plan and its name there, and shared as there.
     """
@@ -68,7 +68,7 @@ def take_repeated(dealer: Dealer, plan: Plan, times: int) -> list[Values]:
 
 
 @dataclass(frozen=True)
-class OnCall:
+class OnCall(Request):
     """The number of a session with the dealer, {"seed": [1]}, the same for all parties.
 
     In a deployment the dealer stays online for the session: at each call it sends every party its part of
@@ -79,10 +79,6 @@ class OnCall:
 
     plan: Plan
     parties: int
-
-    @property
-    def binary(self) -> frozenset[str]:
-        return frozenset()
 
     @property
     def split(self) -> frozenset[str]:

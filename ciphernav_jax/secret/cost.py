@@ -12,9 +12,10 @@ import jax.numpy as jnp
 from rich.console import Console, Group
 from rich.table import Table
 
-from ciphernav_jax.protocols.dealer import Plan, deal, drawn
+from ciphernav_jax.protocols.dealer import Plan, Request, deal, drawn
 from ciphernav_jax.protocols.jaxprs import labels
 from ciphernav_jax.protocols.messages import Opening, depth, first_uses, openings
+from ciphernav_jax.protocols.repeat import OnCall, Repeated
 from ciphernav_jax.protocols.run import one_partys_jaxpr, online, plan
 from ciphernav_jax.secret.secure import Secure
 
@@ -42,12 +43,15 @@ class Delivery:
     """What the dealer hands to each party of one request's values: `words` uint64 words.
 
     `request` is the kind of it (`protocols.dealer`), `protocol` and `primitive` are those that use it first.
+    A request in the body of a loop counts for all iterations at once, under its own kind. `on_call` are the
+    words that each iteration of a `while` adds, which the dealer deals as the loop runs.
     """
 
     request: str
     protocol: str
     primitive: str
     words: int
+    on_call: int = 0
 
     @property
     def size(self) -> int:
@@ -115,6 +119,13 @@ class Cost:
         return sum(delivery.size for delivery in self.deliveries)
 
     @property
+    def bytes_on_call(self) -> int:
+        """Bytes of correlated randomness that each party receives from the dealer while it runs, for one
+        iteration of each `while`: how many there will be, nobody knows beforehand.
+        """
+        return WORD * sum(delivery.on_call for delivery in self.deliveries)
+
+    @property
     def ideal(self) -> int:
         """Times that a trusted third party stands in for a protocol. Unless 0, this is no protocol's cost."""
         return sum(len(opening.rounds) for opening in self.openings if opening.ideal)
@@ -175,6 +186,7 @@ class Cost:
             "messages": self.messages,
             "bytes_sent": self.bytes_sent,
             "bytes_dealt": self.bytes_dealt,
+            "bytes_on_call": self.bytes_on_call,
             "uniform_words": self.uniform_words,
             "ideal": self.ideal,
             "unbounded": self.unbounded,
@@ -196,6 +208,10 @@ class Cost:
         ]
         if self.unbounded:
             lines.append("A while loop is counted for one iteration.")
+        if self.bytes_on_call:
+            lines.append(
+                f"The dealer is on call for it, and hands out {_size(self.bytes_on_call)} meanwhile."
+            )
         if self.ideal:
             lines.append(f"ideal: {self.ideal} openings by a trusted third party, not a protocol.")
         return "\n".join(lines)
@@ -272,24 +288,65 @@ def require_step(step: Any) -> None:
 
 
 def _deliveries(needed: Plan, supply: Any, uses: dict[int, str]) -> tuple[Delivery, ...]:
-    """One for each request. `uses` are the first uses of the program's inputs, of which `supply` is first."""
-    paths, _ = jax.tree_util.tree_flatten_with_path(supply)
-    requests = [path[0].idx for path, _ in paths]
-    used: dict[int, str] = {}
-    for i, use in uses.items():
-        if i < len(requests):
-            used.setdefault(requests[i], use)
+    """One for each request, those of loops' bodies included. `uses` are the first uses of the program's
+    inputs, of which `supply` is first.
+    """
+    found: dict[tuple[int, ...], Request] = {}
+    words: dict[tuple[int, ...], int] = {}
+    first: dict[tuple[int, ...], tuple[int, str]] = {}
+    order = {i: n for n, i in enumerate(uses)}
+    for i, (path, value) in enumerate(jax.tree_util.tree_leaves_with_path(supply)):
+        place, request = _place(needed, path[0].idx, path[1].key)
+        found[place] = request
+        words[place] = words.get(place, 0) + math.prod(value.shape[1:])
+        if i in uses:
+            first[place] = min(first.get(place, (order[i], uses[i])), (order[i], uses[i]))
 
-    def delivery(i: int) -> Delivery:
-        protocols, primitives = (labels(used.get(i, ""), kind) for kind in ("protocol", "primitive"))
+    def delivery(place: tuple[int, ...]) -> Delivery:
+        _, use = first.get(place, (0, ""))
+        protocols, primitives = (labels(use, kind) for kind in ("protocol", "primitive"))
+        request = found[place]
         return Delivery(
-            request=type(needed.requests[i]).__name__,
+            request=type(request).__name__,
             protocol=protocols[0] if protocols else "",
             primitive=primitives[-1] if primitives else "",
-            words=sum(math.prod(value.shape[1:]) for value in jax.tree.leaves(supply[i])),
+            words=words[place],
+            # A seed is one word: as many words, as many sessions.
+            on_call=words[place] * _on_call(request),
         )
 
-    return tuple(map(delivery, range(len(needed.requests))))
+    return tuple(map(delivery, sorted(found)))
+
+
+def _place(plan: Plan, number: int, name: str) -> tuple[tuple[int, ...], Request]:
+    """The request that a value belongs to, and its number in the plan; in a body, the numbers on the way to
+    it (`protocols.repeat.Repeated` names its values by them).
+    """
+    request = plan.requests[number]
+    if not isinstance(request, Repeated):
+        return (number,), request
+    inner, _, name = name.partition("/")
+    place, request = _place(request.plan, int(inner), name)
+    return (number, *place), request
+
+
+def _words(plan: Plan) -> int:
+    """What each party receives of one dealing of a plan, with one of each session on call within."""
+    return sum(
+        math.prod(shape[1:] if name in request.split else shape)
+        for request, values in zip(plan.requests, plan.shapes, strict=True)
+        for name, shape in values.items()
+    ) + sum(_on_call(request) for request in plan.requests)
+
+
+def _on_call(request: Request) -> int:
+    """Words that a dealer on call adds for each iteration of the loop that a request is for."""
+    match request:
+        case OnCall(plan=plan):
+            return _words(plan)
+        case Repeated(plan=plan, times=times):
+            return times * sum(map(_on_call, plan.requests))
+    return 0
 
 
 def _size(count: int) -> str:

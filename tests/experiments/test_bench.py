@@ -22,6 +22,10 @@ TINY = Sizes(widths=(6, 4, 3), forward=2, train=5, steps=2, relu=9, product=(3, 
 UNIT = 2.0**-20
 
 
+def test_the_raw_rates_are_measured():
+    assert all(0 < rate < np.inf for rate in floor.rates().values())
+
+
 def test_the_works_are_the_papers():
     known = works()
     assert tuple(known) == get_args(WorkName)

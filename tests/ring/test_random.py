@@ -90,7 +90,7 @@ def test_under_vmap_each_key_has_the_words_it_has_alone(generator):
 
 @each_generator
 def test_the_generator_is_compiled_once_however_many_uses_there_are(generator):
-    n = 80_000
+    n = 81_920
 
     def program(key):
         a, b, c = ring.draw(key, [(n,)] * 3, generator)

@@ -145,6 +145,52 @@ def test_independent_openings_share_a_round():
     assert (together.rounds, one_after_the_other.rounds) == (2, 4)
 
 
+def body(carry, row):
+    return jax.nn.relu(carry * row)
+
+
+def test_a_loop_s_randomness_counts_under_what_asks_for_it():
+    once = cost(body, (6,), (6,))
+
+    def loops(x):
+        def again(carry, row):
+            return jax.lax.fori_loop(0, 3, lambda i, c: body(c, row), carry), None
+
+        return jax.lax.scan(again, x[0], x)[0]
+
+    looped = cost(loops, (4, 6))
+    for grouping in ("by_request", "by_primitive", "by_protocol"):
+        dealt = {row.name: row.bytes_dealt for row in getattr(once, grouping)}
+        assert {row.name: row.bytes_dealt for row in getattr(looped, grouping)} == {
+            name: 4 * 3 * size for name, size in dealt.items()
+        }
+    assert looped.bytes_on_call == 0
+
+
+def test_a_dealer_on_call_deals_a_body_for_each_iteration():
+    once = cost(body, (6,), (6,))
+    n = jax.ShapeDtypeStruct((), jnp.int64)
+
+    def loop(x, n):
+        return jax.lax.fori_loop(0, n, lambda i, c: body(c, x), x)
+
+    def loop_in_a_scan(x, n):
+        return jax.lax.map(lambda row: loop(row, n), x)
+
+    def scan_in_a_loop(x, n):
+        return jax.lax.fori_loop(0, n, lambda i, c: jax.lax.map(lambda row: body(row, row + 1), c), x)
+
+    for function, shape, times, sessions in (
+        (loop, (6,), 1, 1),
+        (loop_in_a_scan, (4, 6), 4, 4),
+        (scan_in_a_loop, (4, 6), 4, 1),
+    ):
+        found = cn.cost(cn.secure(function), *shares(shape), n)
+        assert found.bytes_on_call == times * once.bytes_dealt
+        assert [(row.name, row.bytes_dealt) for row in found.by_request] == [("OnCall", 8 * sessions)]
+        assert f"on call for it, and hands out {found.bytes_on_call / 1e3:.3g} kB" in str(found)
+
+
 def test_what_is_public_or_local_costs_nothing():
     found = cost(lambda x: 2 * x[::2] + jnp.sum(x) - jnp.exp(jnp.ones(4, x.dtype)), (8,))
     assert (found.rounds, found.bytes_sent, found.bytes_dealt, found.uniform_words) == (0, 0, 0, 0)

@@ -1,0 +1,81 @@
+"""The table of primitives: it is the page in docs, it leaves out no rule, and its errors are bounds."""
+
+from functools import cache
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ciphernav_jax as cn
+from ciphernav_jax.experiments import primitives
+from ciphernav_jax.secret.loops import LOOPS
+from ciphernav_jax.secret.rules import RULES
+
+PAGE = Path(__file__).parents[2] / "docs" / "primitives.md"
+UNIT = 2.0**-20
+EXAMPLES = {f"{example.primitive}: {example.expression}": example for example in primitives.examples()}
+
+rng = np.random.default_rng(0)
+
+
+def grid(*shape):
+    """Encoded without error."""
+    return np.round(rng.uniform(-4, 4, shape) * 256) / 256
+
+
+X, Y, A, B = grid(64), grid(64), grid(8, 8), grid(8, 8)
+Y[:8] = X[:8]  # equal entries too
+ARGUMENTS = (rng.uniform(0.5, 2, 64), 3, X, Y, A, B, X > 1, Y > 0)
+
+
+def test_the_page_is_what_is_generated():
+    assert PAGE.read_text() == primitives.markdown(), "run: python -m ciphernav_jax.experiments.primitives"
+
+
+def test_every_rule_has_a_row():
+    assert {example.primitive for example in EXAMPLES.values()} == {*RULES, *LOOPS}
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_applies_its_primitive_and_pays_for_nothing_else(name, monkeypatch):
+    example = EXAMPLES[name]
+    table = RULES if example.primitive in RULES else LOOPS
+    rule, applied = table[example.primitive], []
+
+    def noted(*args, **params):
+        applied.append(example.primitive)
+        return rule(*args, **params)
+
+    monkeypatch.setitem(table, example.primitive, noted)
+    found = primitives.example_cost(example)
+    assert applied
+    if table is RULES:
+        assert {row.name for row in found.by_primitive} <= {example.primitive, "output"}
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_rounds_and_bytes_are_the_same_for_any_number_of_parties(name):
+    two, five = (primitives.example_cost(EXAMPLES[name], parties) for parties in (2, 5))
+    assert (two.rounds, two.bytes_sent) == (five.rounds, five.bytes_sent // 4)
+    assert (two.bytes_dealt, two.bytes_on_call) == (five.bytes_dealt, five.bytes_on_call)
+
+
+@cache
+def results():
+    """All examples in one compilation."""
+    step = cn.secure(lambda *args: {name: example.function(*args) for name, example in EXAMPLES.items()})
+    shared = cn.share(jax.random.key(0), ARGUMENTS[2:], parties=3)
+    return step(jax.random.key(1), *ARGUMENTS[:2], *shared)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_error_is_within_its_bound(name):
+    example, secret = EXAMPLES[name], results()[name]
+    assert isinstance(secret, cn.Secret)
+    expected = example.function(*[x if isinstance(x, int) else jnp.asarray(x) for x in ARGUMENTS])
+    error = np.abs(np.asarray(cn.reveal(secret), np.float64) - np.asarray(expected, np.float64))
+    assert error.shape == expected.shape
+    # Float64 itself rounds in the last of 53 bits.
+    assert np.all(error <= example.bound(*ARGUMENTS) * UNIT + 1e-12)
