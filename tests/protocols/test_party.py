@@ -45,8 +45,32 @@ def local(d, x):
     return truncate.local(x, 20)
 
 
+def nearest(d, x):
+    return truncate.nearest(d, x, 20).share()
+
+
+def wrap_count(d, x):
+    return truncate.wrap_count(d, x, 20)
+
+
 def positive(d, x):
     return compare.positive(d, x).share()
+
+
+def sign_of_words(d, x):
+    return compare.positive(d, x, compare.Circuit(layout="words")).share()
+
+
+def sign_by_full_adders(d, x):
+    return compare.positive(d, x, compare.Circuit(adder="brent-kung")).share()
+
+
+def sign_in_a_range(d, x):
+    return compare.positive(d, x, compare.Circuit(sign_bit=30)).share()
+
+
+def sign_by_resharing(d, x):
+    return compare.resharing(d, x).share()
 
 
 def fused(d, x):
@@ -64,7 +88,13 @@ PROGRAMS = {
     "dot_general": (inner_product, 2, 2),
     "probabilistic truncation": (probabilistic, 1, 1),
     "local truncation": (local, 1, 0),
+    "truncation to the nearest": (nearest, 1, 6),
+    "truncation by wrap count": (wrap_count, 1, 1),
     "positive": (positive, 1, 7),
+    "positive on words": (sign_of_words, 1, 8),
+    "positive by Brent-Kung": (sign_by_full_adders, 1, 12),
+    "positive in a range": (sign_in_a_range, 1, 6),
+    "positive by re-sharing": (sign_by_resharing, 1, 8),
     "relu": (fused, 1, 7),
     "to bits and back": (back_and_forth, 1, 8),
 }
@@ -124,17 +154,19 @@ def view(program, inputs, parties, secret):
     secrets = [np.full(count, secret % 2**64, np.uint64)] * inputs
     messages = views(program, parties)(1, *secrets)
     rows = [np.asarray(row) for message in messages for row in message.sent]
-    return rows + [np.asarray(message.opened) for message in messages]
+    joined = [message for message in messages if message.opening.collective != "open_shares"]
+    return rows + [np.asarray(message.opened) for message in joined]
 
 
 @pytest.mark.parametrize("secret", [0, -3 * 2**20 - 1])
 @pytest.mark.parametrize(
-    ("name", "parties"), [*((n, 2) for n in PROGRAMS if n != "local truncation"), ("relu", 5)]
+    ("name", "parties"),
+    [*((n, 2) for n in PROGRAMS if n != "local truncation"), ("relu", 5), ("truncation by wrap count", 3)],
 )
 def test_what_is_sent_and_opened_is_uniform_whatever_the_secret(name, parties, secret):
     program, inputs, stated = PROGRAMS[name]
     seen = view(program, inputs, parties, secret)
-    assert len(seen) == stated * (parties + 1)
+    assert len(seen) == stated * (parties + (name != "truncation by wrap count"))
     assert joint_uniformity(seen) > 1e-7
 
 
@@ -158,6 +190,9 @@ def repeated(draws):
         ("positive", dealer.AndTriple),
         ("positive", dealer.SharedBits),
         ("relu", dealer.Mask),
+        ("truncation to the nearest", dealer.AndTriple),
+        ("truncation by wrap count", dealer.WrapCount),
+        ("positive by re-sharing", dealer.AndTriple),
         ("to bits and back", dealer.AndTriple),
         ("to bits and back", dealer.SharedBits),
     ],

@@ -43,7 +43,8 @@ def combinations(every: bool):
     for n, (truncation, p) in enumerate(itertools.product(TRUNCATIONS, PARTIES)):
         if truncation != "local" or p == 2:
             multiplication = "ideal" if n % 3 == 0 else "beaver"
-            yield combined(truncation, ("masked", "carry-tree"), multiplication, "chacha20"), p
+            generator = "chacha20" if n == 0 else "threefry"
+            yield combined(truncation, ("masked", "carry-tree"), multiplication, generator), p
 
 
 def combined(truncation, sign, multiplication="beaver", generator="threefry") -> cn.Protocol:
