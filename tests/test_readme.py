@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import pytest
 
-from ciphernav_jax.experiments import bench
+from ciphernav_jax.experiments import bench, sweep
 from ciphernav_jax.navigation import metrics
 
 ROOT = Path(__file__).parents[1]
@@ -27,6 +27,24 @@ def test_the_benchmarks_are_those_of_the_committed_results():
     document = json.loads((ROOT / "results" / "bench.json").read_text())
     _, shown = README.split("<!-- results/bench.json -->\n")
     assert shown.split("<!-- end -->")[0].strip() == bench.markdown(document).strip()
+
+
+def test_the_variants_are_those_of_the_committed_results():
+    document = json.loads((ROOT / "results" / "sweep.json").read_text())
+    _, shown = README.split("<!-- results/sweep.json -->\n")
+    assert shown.split("<!-- end -->")[0].strip() == sweep.markdown(document).strip()
+
+
+def test_the_default_never_fails_a_truncation():
+    """Of a million at each number of parties; local truncation's failures show that the count counts."""
+    failed = {}
+    for result in json.loads((ROOT / "results" / "sweep.json").read_text())["results"]:
+        if result["status"] == "done":
+            of = failed.setdefault(result["protocol"], [])
+            of.append(result["truncations"]["failed"])
+            assert result["truncations"]["of"] >= 10**6
+    assert failed["default"] == [0] * len(failed["default"])
+    assert sum(failed["truncation=local"]) > 0
 
 
 def test_the_demo_shows_the_point():

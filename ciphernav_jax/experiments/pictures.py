@@ -6,6 +6,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 # Okabe and Ito's colours, for the default and the extremes; the others are grey.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
@@ -111,6 +112,10 @@ def _dots(axes: Axes, results: list[dict], values: list[float | None]) -> None:
             default = result["protocol"] == "default"
             axes.scatter(value, row, color=COLOURS[0] if default else GREY, s=28, zorder=3)
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:.0e}".replace("e-0", "e-"))
+    axes.minorticks_off()
+    axes.tick_params(axis="x", labelsize=SMALL)
     axes.set_yticks(range(len(results)), [label(r) for r in results], fontsize=SMALL)
     _clean(axes)
 

@@ -109,8 +109,11 @@ def program_of_one_party(program, inputs, parties):
     shares = [jax.ShapeDtypeStruct((parties, 128), jnp.uint64)] * inputs
     needed = plan(alone, parties, shares, None)
     supply = [
-        {name: jax.ShapeDtypeStruct((parties, *shape), jnp.uint64) for name, shape in values.items()}
-        for values in needed.shapes
+        {
+            name: jax.ShapeDtypeStruct(shape if name in request.split else (parties, *shape), jnp.uint64)
+            for name, shape in values.items()
+        }
+        for request, values in zip(needed.requests, needed.shapes, strict=True)
     ]
     return one_partys_jaxpr(online(alone, needed), parties, (supply, shares), None)[0]
 
