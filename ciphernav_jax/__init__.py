@@ -39,6 +39,7 @@ _HOME = {
     "Protocol": "protocols",
     "Secret": "secret",
     "WAN": "secret",
+    "audit": "secret",
     "cost": "secret",
     "deploy": "secret",
     "reveal": "secret",

@@ -7,6 +7,8 @@ rightly.
 """
 
 import functools
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +25,7 @@ from ciphernav_jax.navigation.parties import SLOTS, cast
 from ciphernav_jax.navigation.plain import Report
 from ciphernav_jax.navigation.samples import Samples
 from ciphernav_jax.navigation.storage import Checkpoints
-from ciphernav_jax.secret import reveal, secure, share
+from ciphernav_jax.secret import audit, reveal, secure, share
 
 GRAPH = nnx.split(ActionClassifier(nnx.Rngs(0)))[0]
 
@@ -114,8 +116,10 @@ def train(
 
     Returns:
         The weights, secret if there are parties, and the curve: for each chunk a dict of step, mean
-        loss, and accuracy on its last batch in percent, after its update. Of a
-        secret training the sum of a chunk's losses and that count of right answers are opened, nothing else.
+        loss, accuracy on its last batch in percent, after its update, and the seconds that it took; in
+        `compile_seconds`, what compiling took before it. Of a secret training the sum of a chunk's losses
+        and that count of right answers are opened, nothing else; truncations, and how many of them failed,
+        are what the simulation knows besides (`secret.audit`).
 
     Raises:
         ValueError: fewer than two parties.
@@ -131,6 +135,8 @@ def train(
         data = share_training_data(data_key, data, parties)
 
     done, state, curve = checkpoints.restore(state)
+    compiled: dict[int, Any] = {}
+    began = time.perf_counter()
     while done < recipe.steps:
         steps = np.arange(done, min(done + recipe.chunk, recipe.steps))
         rows = np.stack([_batch_rows(step, len(samples), recipe.batch, seed) for step in steps.tolist()])
@@ -139,11 +145,24 @@ def train(
         if parties is not None:
             total = share(jax.random.fold_in(loss_key, done), total, parties=parties)
         batches = (steps, decay, samples.env[rows], rows)
-        *state, total, right = _run(protocol_key, (*state, total), data, batches, recipe, parties is not None)
+        args = (protocol_key, (*state, total), data, batches)
+        timing = {}
+        if len(steps) not in compiled:  # the last chunk may be shorter
+            before = time.perf_counter()
+            compiled[len(steps)] = _run.lower(*args, recipe, parties is not None).compile()
+            timing["compile_seconds"] = time.perf_counter() - before
+            began += timing["compile_seconds"]
+        (*state, total), right, truncations = compiled[len(steps)](*args)
         done += len(steps)
-        loss = float(reveal(total)) / (len(steps) * recipe.batch * ACTIONS)
-        accuracy = 100 * float(reveal(right)) / recipe.batch
-        curve = [*curve, {"step": done, "loss": loss, "accuracy": accuracy}]
+        point = {
+            "step": done,
+            "loss": float(reveal(total)) / (len(steps) * recipe.batch * ACTIONS),
+            "accuracy": 100 * float(reveal(right)) / recipe.batch,
+        }
+        if parties is not None:
+            point |= dict(zip(("truncations", "failed"), map(int, truncations), strict=True))
+        began, seconds = time.perf_counter(), time.perf_counter() - began
+        curve = [*curve, point | timing | {"seconds": seconds}]
         checkpoints.save(done, tuple(state), curve)
         report(done, recipe.steps, curve[-1])
     return state[0], curve
@@ -151,22 +170,40 @@ def train(
 
 @functools.partial(jax.jit, static_argnames=("recipe", "secret"), donate_argnames="state")
 def _run(key: jax.Array, state: tuple, data: tuple, batches: tuple, recipe: FreshClassifier, secret: bool):
-    """A chunk of steps as one loop; a step's randomness comes from its number, wherever the chunk began."""
+    """A chunk of steps as one loop; a step's randomness comes from its number, wherever the chunk began.
+
+    Returns:
+        The next state, the right answers of the last batch, and the truncations and those that failed.
+    """
     cameras, robot, labels = data
-    evaluate = secure if secret else lambda function: lambda _, *args: function(*args)
+    evaluate = _secretly if secret else _openly
     advance, count = evaluate(functools.partial(sgd_step, recipe=recipe)), evaluate(count_right)
 
     def samples(env, row):
         return (*(camera[env] for camera in cameras), *(slot[row] for slot in robot)), labels[row]
 
-    def body(state, batch):
+    def body(carry, batch):
+        state, truncations = carry
         step, decay, env, row = batch
-        return advance(jax.random.fold_in(key, step), state, *samples(env, row), decay), None
+        state, more = advance(jax.random.fold_in(key, step), state, *samples(env, row), decay)
+        return (state, jax.tree.map(jnp.add, truncations, more)), None
 
-    state, _ = jax.lax.scan(body, state, batches)
+    (state, truncations), _ = jax.lax.scan(body, (state, NO_TRUNCATIONS), batches)
     last, _, env, row = (of_batch[-1] for of_batch in batches)
     step_key = jax.random.fold_in(key, last)
-    return *state, count(jax.random.fold_in(step_key, 1), state[0], *samples(env, row))
+    right, more = count(jax.random.fold_in(step_key, 1), state[0], *samples(env, row))
+    return state, right, jax.tree.map(jnp.add, truncations, more)
+
+
+NO_TRUNCATIONS = (np.int64(0), np.int64(0))
+
+
+def _secretly(function: Callable[..., Any]) -> Callable[..., Any]:
+    return audit(secure(function))
+
+
+def _openly(function: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda _, *args: (function(*args), NO_TRUNCATIONS)
 
 
 def one_hot(samples: Samples) -> NDArray[np.float32]:

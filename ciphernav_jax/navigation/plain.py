@@ -5,6 +5,7 @@ views that occur more than once in a batch are encoded once.
 """
 
 import functools
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -111,8 +112,8 @@ def train(
         report: called after each epoch.
 
     Returns:
-        The navigator, and the curve: a dict of epoch, mean loss and accuracy (%, teacher-forced, on
-        the training samples as they were trained on) for each epoch.
+        The navigator, and the curve: a dict of epoch, mean loss, accuracy (%, teacher-forced, on the
+        training samples as they were trained on) and seconds for each epoch.
     """
     samples = teacher_forced(dataset, method)
     steps = recipe.epochs * -(-len(dataset) // recipe.batch)
@@ -121,11 +122,17 @@ def train(
 
     done, state, curve = checkpoints.restore(fresh)
     for epoch in range(done, recipe.epochs):
+        began = time.perf_counter()
         total, hits = 0.0, 0
         for batch in batches(dataset, method, samples, recipe, seed, epoch):
             state, (loss, right) = _step(state, batch, method, recipe, steps)
             total, hits = total + float(loss), hits + int(right)
-        point = {"epoch": epoch + 1, "loss": total / len(samples), "accuracy": 100 * hits / len(samples)}
+        point = {
+            "epoch": epoch + 1,
+            "loss": total / len(samples),
+            "accuracy": 100 * hits / len(samples),
+            "seconds": time.perf_counter() - began,
+        }
         curve = [*curve, point]
         checkpoints.save(epoch + 1, state, curve)
         report(epoch + 1, recipe.epochs, point)

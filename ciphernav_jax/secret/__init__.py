@@ -8,9 +8,11 @@
 - `simulate`: floats to floats through the protocol, differentiable.
 - `cost`: rounds, bytes and correlated randomness of a function, from its trace.
 - `transcript`: every message of a call.
+- `audit`: the truncations of a call, and how many fail.
 """
 
 from ciphernav_jax.secret.array import Secret, reveal, share
+from ciphernav_jax.secret.audit import audit
 from ciphernav_jax.secret.cost import LAN, WAN, Cost, Network, cost
 from ciphernav_jax.secret.secure import deploy, secure
 from ciphernav_jax.secret.simulate import simulate
@@ -22,6 +24,7 @@ __all__ = [
     "Cost",
     "Network",
     "Secret",
+    "audit",
     "cost",
     "deploy",
     "reveal",

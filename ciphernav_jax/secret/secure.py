@@ -61,9 +61,12 @@ class Secure:
             lambda x: x if isinstance(x, Secret) else no_gradient(x), args, is_leaf=_is_secret
         )
 
-    def evaluate(self, key: Array, args: tuple[Any, ...], run: Callable[..., Any] = run) -> Any:
+    def evaluate(
+        self, key: Array, args: tuple[Any, ...], run: Callable[..., Any] = run, witness: Any = None
+    ) -> Any:
         """Traces the function and has its program run: `run(program, key, parties, private, public, mesh,
-        generator)` is that of `protocols.run`, or another that looks at what passes.
+        generator)` is that of `protocols.run`, or another that looks at what passes; `witness` is told of
+        every truncation (`audit`).
         """
         key = _key_of_each(key, args)
         leaves, tree = jax.tree.flatten(args, is_leaf=_is_secret)
@@ -77,7 +80,9 @@ class Secure:
         made: list[int | None] = []  # of each output the fractional bits, or None where it is public
 
         def program(dealer, private, public):
-            context = Context(self.protocol, dealer)
+            context = Context(self.protocol, dealer, witness)
+            if witness:
+                witness.begin()
             private, public = iter(private), iter(public)
             values = [
                 Value(context, x.frac_bits, share=next(private)) if isinstance(x, Secret) else next(public)
@@ -89,10 +94,10 @@ class Secure:
             made[:] = [x.frac_bits if isinstance(x, Value) else None for x in results]
             return (
                 [x.share for x in results if isinstance(x, Value)],
-                [x for x in results if not isinstance(x, Value)],
+                ([x for x in results if not isinstance(x, Value)], witness and witness.failed),
             )
 
-        private, public = run(
+        private, (public, failed) = run(
             program,
             key,
             parties,
@@ -101,6 +106,8 @@ class Secure:
             self.mesh,
             self.protocol.generator,
         )
+        if witness:
+            witness.failed = failed
         private, public = iter(private), iter(public)
         results = [
             next(public)
@@ -257,6 +264,8 @@ def _known(x: Any) -> Any:
 def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
     name = eqn.primitive.name
     try:
+        if name in LOOPS and context.witness:
+            raise Unsupported("an audit sees no loops and no branches; audit the body")
         if name in LOOPS:
             with jax.named_scope(f"primitive:{name}"):
                 return LOOPS[name](_evaluate_closed, context, *operands, **eqn.params)

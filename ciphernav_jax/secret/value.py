@@ -8,6 +8,7 @@ that each is computed once however often it is used: in the backward pass, say.
 
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Protocol as Interface
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,12 +27,20 @@ from ciphernav_jax.ring.linear import DimensionNumbers
 MAX_FRAC_BITS = 62
 
 
+class Truncations(Interface):
+    """Who is told of every truncation; see `secret.audit`."""
+
+    def truncated(self, before: Array, shift: int, after: "Value", *, clipped: bool = False) -> None:
+        """The shares `before` have become `after`, shorter by `shift` bits; `clipped` at 0 from below."""
+
+
 @dataclass(frozen=True)
 class Context:
-    """What every operation in a program needs: the variants, and where randomness comes from."""
+    """What every operation in a program needs: the variants, where randomness comes from, and who watches."""
 
     protocol: Protocol
     dealer: Dealer
+    witness: Truncations | None = None
 
 
 class Value:
@@ -88,7 +97,10 @@ class Value:
                 share = truncate.local(self.share, shift)
             case "ideal":
                 share = ideal.ideal_truncation(dealer, self.share, shift)
-        return Value(self.context, protocol.frac_bits, share=share, form=form)
+        settled = Value(self.context, protocol.frac_bits, share=share, form=form)
+        if self.context.witness:
+            self.context.witness.truncated(self.share, shift, settled)
+        return settled
 
     def lifted(self, frac_bits: int) -> "Value":
         """This value with more fractional bits: shifted left. Local, exact."""
@@ -157,7 +169,10 @@ class Value:
             return self.positive.times(self)
         output, positive = relus.relu(dealer, self.share, shift, self._circuit)
         self.positive = Value(self.context, 0, form=positive)
-        return self._new(self.frac_bits - shift, output)
+        result = self._new(self.frac_bits - shift, output)
+        if shift and self.context.witness:
+            self.context.witness.truncated(self.share, shift, result, clipped=True)
+        return result
 
     def is_bit(self) -> bool:
         """Whether this is a bit already open under a mask: products with it open nothing more for it."""

@@ -29,6 +29,10 @@ def killed_after_first(done, total, point):
     raise Killed
 
 
+def untimed(curve):
+    return [{name: value for name, value in point.items() if "seconds" not in name} for point in curve]
+
+
 def assert_same(one, other):
     leaves, others = jax.tree.leaves(one), jax.tree.leaves(other)
     assert len(leaves) == len(others)
@@ -51,7 +55,7 @@ def test_end_to_end_training_resumes_to_the_same_bits(world, tmp_path):
         trained.load(tmp_path / "killed")
     resumed = trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path / "killed", silent)
     assert_same(resumed, whole)
-    assert trained.curve(tmp_path / "killed") == trained.curve(tmp_path / "whole")
+    assert untimed(trained.curve(tmp_path / "killed")) == untimed(trained.curve(tmp_path / "whole"))
     assert_same(trained.load(tmp_path / "whole")[1], whole)
 
 
@@ -68,7 +72,12 @@ def test_classifier_training_resumes_to_the_same_bits(world, teacher, tmp_path, 
     config, loaded = trained.load(tmp_path / "killed")
     assert_same(loaded, whole)
     assert config["parties"] == parties
-    assert [point["step"] for point in trained.curve(tmp_path / "killed")] == [2, 4, 6]
+    curve = trained.curve(tmp_path / "killed")
+    assert untimed(curve) == untimed(trained.curve(tmp_path / "whole"))
+    assert [point["step"] for point in curve] == [2, 4, 6]
+    assert ["compile_seconds" in point for point in curve] == [True, True, False]  # killed after the first
+    if parties:
+        assert all(point["truncations"] > 0 == point["failed"] for point in curve)
 
 
 def test_secret_training_and_driving_follow_plaintext(world, teacher, tmp_path):
