@@ -10,7 +10,7 @@ import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -32,7 +32,7 @@ GRAPH = nnx.split(ActionClassifier(nnx.Rngs(0)))[0]
 
 @dataclass(frozen=True)
 class FreshClassifier:
-    """How to train the classifier: SGD with momentum on the squared loss, the rate falling to 0."""
+    """How to train the classifier: SGD with momentum on the squared loss."""
 
     steps: int = 1060
     """Steps, a batch each."""
@@ -42,6 +42,10 @@ class FreshClassifier:
     """For the mean squared error; taken to the power of two nearest in the update."""
     momentum: float = 0.9
     """Part of the velocity that is kept at each step."""
+    schedule: Literal["linear", "constant"] = "linear"
+    """Whether the learning rate falls to 0 in a straight line, or stays."""
+    standardised: bool = True
+    """Whether each owner standardises the features of its slots before it shares them."""
     chunk: int = 53
     """Steps between checkpoints; they run as one compiled loop."""
 
@@ -106,7 +110,7 @@ def train(
     """Train a fresh classifier, or go on from the latest checkpoint: the same to the bit.
 
     Args:
-        features: standardised features of the training environments.
+        features: of the training environments, standardised if the recipe says so.
         samples: the training samples.
         recipe: how to train.
         seed: of the weights, the batches, the shares and the protocols' randomness.
@@ -140,7 +144,7 @@ def train(
     while done < recipe.steps:
         steps = np.arange(done, min(done + recipe.chunk, recipe.steps))
         rows = np.stack([_batch_rows(step, len(samples), recipe.batch, seed) for step in steps.tolist()])
-        decay = (1 - steps / recipe.steps).astype(np.float32)
+        decay = (1 - steps / recipe.steps * (recipe.schedule == "linear")).astype(np.float32)
         total = jnp.float32(0)
         if parties is not None:
             total = share(jax.random.fold_in(loss_key, done), total, parties=parties)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
 
@@ -29,12 +30,17 @@ TITLES = {
 }
 
 
-def tally(dataset: Dataset, episodes: Episodes) -> Counts:
-    """Counts by whether a detour was required; plain integers, fit for JSON."""
+def tally(dataset: Dataset, episodes: Episodes, counted: NDArray[np.bool_] | None = None) -> Counts:
+    """Counts by whether a detour was required; plain integers, fit for JSON.
+
+    `counted`, bool[N], says which environments to count; None counts all.
+    """
     success = episodes.outcome == Outcome.SUCCESS
     shortest = (np.asarray(dataset.actions) >= 0).sum(axis=1)
     efficient = success & (episodes.lengths <= shortest)
     detour = np.asarray(dataset.detour, bool)
+    if counted is None:
+        counted = np.ones_like(detour)
     return {
         half: {
             "trials": int(which.sum()),
@@ -46,7 +52,7 @@ def tally(dataset: Dataset, episodes: Episodes) -> Counts:
                 if kind is not Outcome.SUCCESS
             },
         }
-        for half, which in (("detour", detour), ("no_detour", ~detour))
+        for half, which in (("detour", counted & detour), ("no_detour", counted & ~detour))
     }
 
 

@@ -100,7 +100,7 @@ def train_classifier(
         return load(folder)[1]
     samples = teacher_forced(dataset, sees(config))
     seen = encode(dataset, sees(config), teacher)
-    scales = features.fit_scales(seen, samples)
+    scales = features.fit_scales(seen, samples) if recipe.standardised else features.unscaled()
     weights, curve = classifier.train(
         features.standardise(seen, scales),
         samples,

@@ -1,0 +1,13 @@
+"""Every table and figure of the paper at its full size, and past it. Each script is run by name, as in
+
+    python -m ciphernav_jax.experiments.paper.accuracy --rows plaintext --seeds 0
+
+and says at its head what the paper has, how long it takes, and what it writes. In reading order:
+
+- `runs`: the data sets; a row of a table, trained, driven, and written as one JSON file a seed.
+- `accuracy`: success, failures, efficiency and path lengths of every method.
+- `paper_recipe`: the classifier trained as the paper says.
+- `fewest_steps`: how little secret training passes the paper's accuracy.
+- `bounds`: what a robot could reach that knows the map alone, or what it sees at the start.
+- `forward`: seconds of a forward pass.
+"""

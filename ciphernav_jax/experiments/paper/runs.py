@@ -1,0 +1,210 @@
+"""A row of a table: trained, driven in both test sets, and written as one JSON file for each seed.
+
+OUT/world/train        15,000 training environments
+OUT/world/validation   2,250 to choose recipes by
+OUT/world/test         2,250 drawn independently of training, as the paper does
+OUT/world/unseen       2,250 without any layout-with-obstacles that training has
+OUT/models/ROW-SEED    a training folder; killed, it goes on to the same bits
+RESULTS/ROW-SEED.json  configuration, seed, versions, machine, seconds, curve and raw counts
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+from rich.console import Console
+
+from ciphernav_jax.models.classifier import ACTIONS
+from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
+from ciphernav_jax.navigation import classifier, metrics, record, trained
+from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.navigation.parties import SLOTS, cast
+from ciphernav_jax.navigation.plain import EndToEnd
+from ciphernav_jax.navigation.policies import best_action
+from ciphernav_jax.navigation.progress import bar
+from ciphernav_jax.navigation.rollout import Episodes, random_walk
+from ciphernav_jax.navigation.storage import read_json, write_json
+from ciphernav_jax.secret import cost, secure, share
+from ciphernav_jax.world import dataset
+from ciphernav_jax.world.dataset import Dataset
+
+console = Console(highlight=False)
+
+TRAIN, TEST = 15_000, 2_250
+TEST_SETS = ("test", "unseen")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method with its recipe.
+
+    Attributes:
+        name: of its files; the table's titles are `metrics.title`'s.
+        method: "random", one of `METHODS`, "plaintext-classifier" or "secret".
+        recipe: how it is trained; None for the random walk.
+        parties: who share a secret training.
+        teacher: the row whose encoders a fresh classifier keeps, of the same seed.
+    """
+
+    name: str
+    method: str
+    recipe: EndToEnd | FreshClassifier | None = None
+    parties: int | None = None
+    teacher: str = "plaintext"
+
+
+@dataclass
+class Options:
+    """What every script can be told."""
+
+    seeds: Annotated[list[int], tyro.conf.arg(metavar="S [S ...]")] = field(default_factory=lambda: [0, 1, 2])
+    """One run each; everything random in it comes from its seed, but for the data sets."""
+    out: Path = Path("out/paper")
+    """Folder for the data sets and the training folders; several GB."""
+    results: Path = Path("results/paper")
+    """Folder for the JSON files. A run that has its file there is not done again."""
+
+
+def world(name: str, out: Path) -> Dataset:
+    """A data set in `out`, generated where it is missing; the training set takes five minutes."""
+    folder = out / "world"
+    if name == "train":
+        return dataset.generate("train", TRAIN, 0, folder / name)
+    unseen_by = None
+    if name == "unseen":
+        world("train", out)
+        unseen_by = folder / "train"
+    split = "validation" if name == "validation" else "test"
+    return dataset.generate(split, TEST, 0, folder / name, unseen_by=unseen_by)
+
+
+def run_rows(rows: Sequence[Row], known: Sequence[Row], options: Options) -> list[dict[str, Any]]:
+    """All rows with all seeds; see `run_row`. `known` are the rows that may be teachers."""
+    teachers = {row.name: row for row in known}
+    results = {}
+    for row in rows:
+        for seed in options.seeds:
+            results[row.name, seed] = run_row(row, seed, teachers, options)
+    counts = {
+        f"{name}, seed {seed}": document["results"]["test"]["counts"]
+        for (name, seed), document in results.items()
+    }
+    console.print(metrics.table(counts, "On the independent test set"))
+    return list(results.values())
+
+
+def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> dict[str, Any]:
+    """Train, drive and write RESULTS/ROW-SEED.json, unless it is there.
+
+    Returns:
+        What the file holds: row, seed, configuration, versions, machine, at; seconds of the training (with
+        compile apart) and of the driving; curve; results: for each test set counts and by_length (see
+        `by_length`); and for a secret row cost: of a training step and of a decision, see `Cost.as_dict`.
+
+    Raises:
+        ValueError: the file there is of another configuration.
+    """
+    path = options.results / f"{row.name}-{seed}.json"
+    configuration = {"row": asdict(row), "train": TRAIN, "test": TEST}
+    if path.exists():
+        document = read_json(path)
+        if document["configuration"] != configuration:
+            raise ValueError(f"{path} is of another configuration; remove it, or choose another --results")
+        return document
+
+    console.print(f"{row.name}, seed {seed}")
+    driver, curve = _driver(row, seed, teachers, options)
+    seconds = {"train": sum(point["seconds"] for point in curve)}
+    seconds["compile"] = sum(point.get("compile_seconds", 0.0) for point in curve)
+    results = {}
+    for name in TEST_SETS:
+        environments = world(name, options.out)
+        began = time.perf_counter()
+        episodes = driver(environments)
+        seconds[f"drive {name}"] = time.perf_counter() - began
+        results[name] = {
+            "counts": metrics.tally(environments, episodes),
+            "by_length": by_length(environments, episodes),
+        }
+    document = {
+        "row": row.name,
+        "seed": seed,
+        "configuration": configuration,
+        "versions": record.versions(),
+        "machine": record.machine(),
+        "at": record.now(),
+        "seconds": {name: round(value, 3) for name, value in seconds.items()},
+        "curve": curve,
+        "results": results,
+    }
+    if row.parties:
+        assert isinstance(row.recipe, FreshClassifier)
+        document["cost"] = costs(row.recipe, row.parties)
+        document["held"] = {party.name: party.slots for party in cast(row.parties)}
+    write_json(path, document)
+    return read_json(path)
+
+
+def train(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> Path:
+    """The training folder of a row, trained where it is not yet; its teacher before."""
+    folder = options.out / "models" / f"{row.name}-{seed}"
+    environments = world("train", options.out)
+    if isinstance(row.recipe, EndToEnd):
+        with bar(f"{row.name}, seed {seed}") as report:
+            trained.train_end_to_end(environments, row.method, row.recipe, seed, folder, report)
+    else:
+        assert row.recipe is not None, "a random walk is not trained"
+        teacher = trained.load(train(teachers[row.teacher], seed, teachers, options))[1]
+        with bar(f"{row.name}, seed {seed}") as report:
+            trained.train_classifier(environments, teacher, row.recipe, seed, folder, report, row.parties)
+    return folder
+
+
+def _driver(
+    row: Row, seed: int, teachers: dict[str, Row], options: Options
+) -> tuple[Callable[[Dataset], Episodes], list[dict]]:
+    """How it drives in a data set, and its training curve."""
+    if row.recipe is None:
+        return lambda environments: random_walk(environments, seed), []
+    folder = train(row, seed, teachers, options)
+    config, model = trained.load(folder)
+    return lambda environments: trained.drive(environments, config, model, seed), trained.curve(folder)
+
+
+def by_length(environments: Dataset, episodes: Episodes) -> dict[str, metrics.Counts]:
+    """The counts of `metrics.tally` for each length of the shortest path, in moves without the stop."""
+    lengths = (np.asarray(environments.actions) > 0).sum(axis=1)
+    return {
+        str(length): metrics.tally(environments, episodes, lengths == length)
+        for length in np.unique(lengths).tolist()
+    }
+
+
+@cache
+def costs(recipe: FreshClassifier, parties: int) -> dict[str, Any]:
+    """Rounds and bytes of a training step and of one robot's decision, from traces alone."""
+    weights = classifier.initial(0)
+    state = (weights, jax.tree.map(jnp.zeros_like, weights), jnp.float32(0))
+
+    def slots(rows: int) -> tuple[np.ndarray, ...]:
+        return tuple(
+            np.zeros((rows, MAP_FEATURES if slot == "map" else VIEW_FEATURES), np.float32) for slot in SLOTS
+        )
+
+    def shapes(values: Any) -> Any:
+        return jax.eval_shape(lambda key: share(key, values, parties=parties), jax.random.key(0))
+
+    def step(state, slots, labels, decay):
+        return classifier.sgd_step(state, slots, labels, decay, recipe)
+
+    batch = (slots(recipe.batch), np.zeros((recipe.batch, ACTIONS), np.float32))
+    training = cost(secure(step), *shapes((state, *batch)), np.float32(1))
+    decision = cost(secure(best_action), *shapes((weights, slots(1))))
+    return {"training step": training.as_dict(), "decision": decision.as_dict()}
