@@ -1,6 +1,7 @@
 """What `ciphernav train` and `ciphernav evaluate` do."""
 
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -98,6 +99,6 @@ def _check(args: Train, secret: bool) -> None:
             raise ValueError(f"--{name} must be at least 1, not {value}")
 
 
-def _given(**options: int | None) -> dict[str, int]:
+def _given(**options: int | None) -> dict[str, Any]:
     # What the command line leaves open is the recipe's to choose.
     return {name: value for name, value in options.items() if value is not None}

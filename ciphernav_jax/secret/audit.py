@@ -41,7 +41,7 @@ class Witness:
 
 
 def audit(step: Secure) -> Callable[..., tuple[Any, tuple[Array, Array]]]:
-    """The function with the count of its truncations. **A privilege of the simulation**: no party could count.
+    """The function with the count of its truncations. **A privilege of the simulation**: no party can count.
 
     Returns:
         `audited(key, *args) -> (result, (carried_out, failed))`: the result of `step(key, *args)` bit for

@@ -85,19 +85,36 @@ def world(name: str, out: Path) -> Dataset:
     return dataset.generate(split, TEST, 0, folder / name, unseen_by=unseen_by)
 
 
-def run_rows(rows: Sequence[Row], known: Sequence[Row], options: Options) -> list[dict[str, Any]]:
-    """All rows with all seeds; see `run_row`. `known` are the rows that may be teachers."""
-    teachers = {row.name: row for row in known}
-    results = {}
-    for row in rows:
-        for seed in options.seeds:
-            results[row.name, seed] = run_row(row, seed, teachers, options)
-    counts = {
-        f"{name}, seed {seed}": document["results"]["test"]["counts"]
-        for (name, seed), document in results.items()
-    }
+@dataclass
+class RowOptions(Options):
+    """The options of a script whose results are rows."""
+
+    rows: Annotated[list[str], tyro.conf.arg(metavar="ROW [ROW ...]")] = field(default_factory=list)
+    """Which rows."""
+
+
+def script(doc: str | None, rows: Sequence[Row], default: RowOptions, teachers: Sequence[Row] = ()) -> None:
+    """The main program of a script: its rows with all seeds, and a table of them.
+
+    Args:
+        doc: the script's docstring, which `--help` shows.
+        rows: what can be asked for.
+        default: the options when nothing is asked for.
+        teachers: other rows whose encoders these keep.
+
+    Raises:
+        ValueError: a row that is not there.
+    """
+    args = tyro.cli(RowOptions, description=doc, default=default)
+    known = {row.name: row for row in rows}
+    if unknown := [name for name in args.rows if name not in known]:
+        raise ValueError(f"no row {', '.join(unknown)}; the rows are {', '.join(known)}")
+    counts = {}
+    for name in args.rows:
+        for seed in args.seeds:
+            document = run_row(known[name], seed, known | {row.name: row for row in teachers}, args)
+            counts[f"{name}, seed {seed}"] = document["results"]["test"]["counts"]
     console.print(metrics.table(counts, "On the independent test set"))
-    return list(results.values())
 
 
 def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> dict[str, Any]:
@@ -121,8 +138,10 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
 
     console.print(f"{row.name}, seed {seed}")
     driver, curve = _driver(row, seed, teachers, options)
-    seconds = {"train": sum(point["seconds"] for point in curve)}
-    seconds["compile"] = sum(point.get("compile_seconds", 0.0) for point in curve)
+    seconds: dict[str, float] = {
+        "train": sum(point["seconds"] for point in curve),
+        "compile": sum(point.get("compile_seconds", 0.0) for point in curve),
+    }
     results = {}
     for name in TEST_SETS:
         environments = world(name, options.out)

@@ -1,0 +1,70 @@
+"""A row of the paper's tables, end to end on a small world without a renderer."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from ciphernav_jax.experiments.paper import accuracy, fewest_steps, paper_recipe, runs
+from ciphernav_jax.experiments.paper.runs import Options, Row
+from ciphernav_jax.navigation import metrics
+from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.navigation.plain import EndToEnd
+from ciphernav_jax.navigation.rollout import random_walk
+from tests.navigation.conftest import make
+
+TEACHER = Row("plaintext", "plaintext", EndToEnd(epochs=1, batch=60))
+SECRET = Row("secret-3", "secret", FreshClassifier(steps=4, batch=16, chunk=2), 3)
+
+
+@pytest.fixture
+def small(monkeypatch, tmp_path):
+    environments = {name: make(40, seed) for seed, name in enumerate(("train", "test", "unseen"))}
+    monkeypatch.setattr(runs, "world", lambda name, out: environments[name])
+    return Options(seeds=[0], out=tmp_path / "out", results=tmp_path / "results")
+
+
+def test_a_secret_row_is_written_whole_and_only_once(small, monkeypatch):
+    document = runs.run_row(SECRET, 0, {"plaintext": TEACHER}, small)
+    path = small.results / "secret-3-0.json"
+    assert json.loads(path.read_text()) == document
+    assert [point["step"] for point in document["curve"]] == [2, 4]
+    assert document["seconds"]["train"] > 0 < document["seconds"]["compile"]
+    assert all(point["failed"] == 0 < point["truncations"] for point in document["curve"])
+    assert document["cost"]["training step"]["parties"] == 3
+    assert document["cost"]["decision"]["rounds"] > 0
+    assert list(document["held"]) == ["robot", "camera owner", "helper 1"]
+    for name in runs.TEST_SETS:
+        assert metrics.overall(document["results"][name]["counts"])["trials"] == 40
+
+    monkeypatch.setattr(runs, "train", None)  # not asked for again
+    assert runs.run_row(SECRET, 0, {}, small) == document
+    other = dataclasses.replace(SECRET, recipe=FreshClassifier(steps=6, batch=16, chunk=2))
+    with pytest.raises(ValueError, match="another configuration"):
+        runs.run_row(other, 0, {}, small)
+
+
+def test_the_lengths_add_up_to_all():
+    world = make(60, 3)
+    episodes = random_walk(world, 0)
+    lengths = runs.by_length(world, episodes)
+    whole = metrics.tally(world, episodes)
+    for half in ("detour", "no_detour"):
+        for kind, count in whole[half].items():
+            assert sum(counts[half][kind] for counts in lengths.values()) == count
+    assert sorted(map(int, lengths)) == np.unique((world.actions > 0).sum(axis=1)).tolist()
+
+
+def test_names_are_unique_and_a_wrong_one_is_answered_with_those_there_are(monkeypatch, capsys):
+    rows = (*accuracy.ROWS, *fewest_steps.ROWS, *paper_recipe.ROWS)
+    assert len({row.name for row in rows}) == len(rows)
+    monkeypatch.setattr("sys.argv", ["accuracy", "--rows", "secret-7"])
+    with pytest.raises(ValueError, match="the rows are random, map-only"):
+        runs.script(accuracy.__doc__, accuracy.ROWS, runs.RowOptions())
+
+
+def test_the_papers_recipe_keeps_its_rate_and_standardises_nothing():
+    recipe = paper_recipe.ROWS[0].recipe
+    assert (recipe.momentum, recipe.schedule, recipe.standardised) == (0, "constant", False)
+    assert recipe.scale * recipe.batch * 5 == pytest.approx(0.01, rel=0.1)
