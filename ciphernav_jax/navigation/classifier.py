@@ -46,6 +46,10 @@ class FreshClassifier:
     """Whether the learning rate falls to 0 in a straight line, or stays."""
     standardised: bool = True
     """Whether each owner standardises the features of its slots before it shares them."""
+    errands: int = 0
+    """Further paths in every environment to train on, to goals of the robot's own choice (the paper: 0)."""
+    stray: float = 0.0
+    """How often a robot on an errand takes any move instead of the right one."""
     chunk: int = 53
     """Steps between checkpoints; they run as one compiled loop."""
 
@@ -133,7 +137,8 @@ def train(
     )
     weights = initial(seed)
     state = (weights, jax.tree.map(jnp.zeros_like, weights))
-    data = (features.cameras, features.robot(samples.env, samples.cell, samples.heading), one_hot(samples))
+    robot = features.robot(samples.env, samples.cell, samples.heading, samples.goal)
+    data = (features.cameras, robot, one_hot(samples))
     if parties is not None:
         state = share(weights_key, state, parties=parties)
         data = share_training_data(data_key, data, parties)

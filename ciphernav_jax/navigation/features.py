@@ -48,14 +48,14 @@ class Features:
     layout: NDArray[np.uint8]
     goal: NDArray[np.uint8]
 
-    def robot(self, env: NDArray, cell: NDArray, heading: NDArray) -> tuple[Floats, Floats]:
+    def robot(self, env: NDArray, cell: NDArray, heading: NDArray, goal: NDArray) -> tuple[Floats, Floats]:
         """The two slots of the robot: its view's features float32[S, 32] and its map's float32[S, 128]."""
         view = self.views[self.view_index[env, cell, heading]]
-        return view, self.maps[self.layout[env], cell, self.goal[env]]
+        return view, self.maps[self.layout[env], cell, goal]
 
     def slots(self, env: NDArray, cell: NDArray, heading: NDArray) -> tuple[Floats, ...]:
-        """All six slots, in the order of the classifier's input."""
-        return (*(camera[env] for camera in self.cameras), *self.robot(env, cell, heading))
+        """All six slots on the way to the data set's goals, in the order of the classifier's input."""
+        return (*(camera[env] for camera in self.cameras), *self.robot(env, cell, heading, self.goal[env]))
 
 
 def encode(dataset: Dataset, method: Method, view_encoder: ViewEncoder, map_encoder: MapEncoder) -> Features:
@@ -91,7 +91,7 @@ def unscaled() -> tuple[Scale, ...]:
 
 def fit_scales(features: Features, samples: Samples) -> tuple[Scale, ...]:
     """One scale per slot, each from nothing but its owner's features of the training samples."""
-    slots = (*features.cameras, *features.robot(samples.env, samples.cell, samples.heading))
+    slots = (*features.cameras, *features.robot(samples.env, samples.cell, samples.heading, samples.goal))
     return tuple(Scale(slot.mean(0), np.maximum(slot.std(0), np.float32(1e-2))) for slot in slots)
 
 

@@ -22,10 +22,11 @@ from ciphernav_jax.models.classifier import ACTIONS
 from ciphernav_jax.models.encoders import VIEW_FEATURES
 from ciphernav_jax.navigation.methods import Method
 from ciphernav_jax.navigation.parties import CAMERAS
-from ciphernav_jax.navigation.samples import Samples, teacher_forced
+from ciphernav_jax.navigation.samples import Samples, training_samples
 from ciphernav_jax.navigation.storage import Checkpoints
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import WALLS, map_code
+from ciphernav_jax.world.poses import LANES
 
 GRAPH = nnx.split(Navigator(nnx.Rngs(0)))[0]
 
@@ -47,6 +48,14 @@ class EndToEnd:
     """AdamW's weight decay."""
     loss: Literal["cross-entropy", "squared"] = "cross-entropy"
     """Loss of a step's logits against the right action; the paper's is squared."""
+    lanes: float = 0.0
+    """Weight of a second loss, on what the view encoder sees: from the features of each camera a linear
+    layer, which is thrown away afterwards, tells which of the four cells ahead in its lane hold an obstacle.
+    The paper has none; with it the encoder keeps also what the training paths did not need."""
+    errands: int = 0
+    """Further paths in every environment to train on, to goals of the robot's own choice (the paper: 0)."""
+    stray: float = 0.0
+    """How often a robot on an errand takes any move instead of the right one."""
 
 
 def optimiser(recipe: EndToEnd, steps: int) -> optax.GradientTransformation:
@@ -63,12 +72,14 @@ class Batch(NamedTuple):
         views: int32[S, 5], rows of `pixels` for the four cameras and the robot.
         maps: uint8[S, 25].
         actions: int32[S].
+        occupied: float32[S, 4, 4], whether an obstacle stands in the cells ahead of each camera, 1 or 0.
     """
 
     pixels: NDArray[np.uint8] | None
     views: NDArray[np.int32]
     maps: NDArray[np.uint8]
     actions: NDArray[np.int32]
+    occupied: NDArray[np.float32]
 
 
 def batches(
@@ -86,8 +97,12 @@ def batches(
         yield _gather(dataset, method, samples, np.concatenate(rows))
 
 
-def logits(navigator: Navigator, batch: Batch, method: Method) -> jax.Array:
-    """float32[S, 5]: what a navigator that sees what `method` sees makes of a batch."""
+def logits(navigator: Navigator, batch: Batch, method: Method) -> tuple[jax.Array, jax.Array]:
+    """What a navigator that sees what `method` sees makes of a batch.
+
+    Returns:
+        The logits, float32[S, 5], and the features of the five views, float32[S, 5, 32].
+    """
     place = navigator.map_encoder(jnp.asarray(batch.maps))
     shape = (len(batch.maps), len(CAMERAS) + 1, VIEW_FEATURES)
     views = jnp.zeros(shape, jnp.float32)
@@ -95,7 +110,7 @@ def logits(navigator: Navigator, batch: Batch, method: Method) -> jax.Array:
         seen = np.array([method.cameras] * len(CAMERAS) + [method.agent_view])
         encoded = navigator.view_encoder(jnp.asarray(batch.pixels))[batch.views]
         views = jnp.where(seen[:, None], encoded, views)
-    return navigator.classifier(jnp.concatenate([views.reshape(len(views), -1), place], axis=-1))
+    return navigator.classifier(jnp.concatenate([views.reshape(len(views), -1), place], axis=-1)), views
 
 
 def train(
@@ -115,9 +130,10 @@ def train(
         The navigator, and the curve: a dict of epoch, mean loss, accuracy (%, teacher-forced, on the
         training samples as they were trained on) and seconds for each epoch.
     """
-    samples = teacher_forced(dataset, method)
+    samples = training_samples(dataset, method, seed, recipe.errands, recipe.stray)
     steps = recipe.epochs * -(-len(dataset) // recipe.batch)
-    params = nnx.to_pure_dict(nnx.split(Navigator(nnx.Rngs(seed)), nnx.Param)[1])
+    navigator = nnx.to_pure_dict(nnx.split(Navigator(nnx.Rngs(seed)), nnx.Param)[1])
+    params = {"navigator": navigator, "lanes": _lane_layer()}
     fresh = (params, optimiser(recipe, steps).init(params))
 
     done, state, curve = checkpoints.restore(fresh)
@@ -136,7 +152,7 @@ def train(
         curve = [*curve, point]
         checkpoints.save(epoch + 1, state, curve)
         report(epoch + 1, recipe.epochs, point)
-    return nnx.merge(GRAPH, state[0]), curve
+    return nnx.merge(GRAPH, state[0]["navigator"]), curve
 
 
 @functools.partial(jax.jit, static_argnames=("method", "recipe", "steps"))
@@ -144,7 +160,7 @@ def _step(state: tuple, batch: Batch, method: Method, recipe: EndToEnd, steps: i
     """One step: the next weights and moments, and the batch's summed loss and number of right actions."""
 
     def objective(params):
-        scores = logits(nnx.merge(GRAPH, params), batch, method)
+        scores, views = logits(nnx.merge(GRAPH, params["navigator"]), batch, method)
         counts = batch.actions >= 0
         right = jax.nn.one_hot(batch.actions, ACTIONS, dtype=jnp.float32)
         if recipe.loss == "squared":
@@ -153,7 +169,10 @@ def _step(state: tuple, batch: Batch, method: Method, recipe: EndToEnd, steps: i
             losses = optax.softmax_cross_entropy(scores, right)
         total = jnp.sum(losses, where=counts)
         hits = jnp.sum((jax.lax.argmax(scores, 1, jnp.int32) == batch.actions) & counts)
-        return total / jnp.sum(counts).astype(jnp.float32), (total, hits)
+        seen = views[:, : len(CAMERAS)] @ params["lanes"]["kernel"] + params["lanes"]["bias"]
+        unsure = jnp.mean(optax.sigmoid_binary_cross_entropy(seen, batch.occupied), axis=(1, 2))
+        objective = total + jnp.float32(recipe.lanes) * jnp.sum(unsure, where=counts)
+        return objective / jnp.sum(counts).astype(jnp.float32), (total, hits)
 
     params, moments = state
     (_, sums), gradient = jax.value_and_grad(objective, has_aux=True)(params)
@@ -172,9 +191,15 @@ def _gather(dataset: Dataset, method: Method, samples: Samples, rows: NDArray) -
         distinct, index = np.unique(np.concatenate(seen, axis=1), return_inverse=True)
         views[:, -sum(part.shape[1] for part in seen) :] = index.reshape(len(rows), -1)
         pixels = _pad(np.asarray(dataset.views[distinct]), 0)
-    maps = map_code(WALLS[dataset.layout[env]], cell, dataset.goal[env])
+    maps = map_code(WALLS[dataset.layout[env]], cell, samples.goal[rows])
     actions = samples.action[rows].astype(np.int32)
-    return Batch(pixels, _pad(views, 0), _pad(maps, 0), _pad(actions, -1))
+    occupied = np.asarray(dataset.obstacles)[env[:, None, None], LANES[:, 1:]].astype(np.float32)
+    return Batch(pixels, _pad(views, 0), _pad(maps, 0), _pad(actions, -1), _pad(occupied, 0))
+
+
+def _lane_layer() -> dict[str, NDArray[np.float32]]:
+    cells = LANES.shape[1] - 1
+    return {"kernel": np.zeros((VIEW_FEATURES, cells), np.float32), "bias": np.zeros(cells, np.float32)}
 
 
 def _pad(rows: NDArray, value: int, multiple: int = 128) -> NDArray:

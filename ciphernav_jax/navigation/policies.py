@@ -47,7 +47,7 @@ def secret_policy(
     robot_key, protocol_key = (jax.random.fold_in(key, len(SLOTS) + use) for use in range(2))
 
     def policy(step, cells, headings):
-        robot = features.robot(every, cells, headings)
+        robot = features.robot(every, cells, headings, features.goal)
         shared = sharing(jax.random.fold_in(robot_key, step), robot)
         opened = np.asarray(
             reveal(decide(jax.random.fold_in(protocol_key, step), params, (*cameras, *shared)))

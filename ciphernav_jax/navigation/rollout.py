@@ -14,10 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ciphernav_jax.world.dataset import Dataset
-from ciphernav_jax.world.grid import MAX_ACTIONS, START, STOP, WALLS, move
+from ciphernav_jax.world.grid import CELLS, HEADINGS, MAX_ACTIONS, START, STOP, WALLS, move
 
 Policy = Callable[[int, NDArray[np.int64], NDArray[np.int64]], NDArray[np.int64]]
-"""Actions int64[N] from the step's number and every robot's cell and heading, int64[N]."""
+"""Actions int64[N] from the question's number and every robot's cell and heading, int64[N].
+
+A secret policy takes its randomness by that number, so no two questions of an episode may have the same.
+"""
 
 
 class Outcome(IntEnum):
@@ -85,6 +88,41 @@ def rollout(dataset: Dataset, policy: Policy, headings: NDArray[np.int64]) -> Ep
         if not running.any():
             break
     return Episodes(actions, cells, outcome)
+
+
+def careful(policy: Policy, dataset: Dataset) -> Policy:
+    """A robot that uses what it alone knows: the map, its place, its goal, and where it has been.
+
+    On its goal it stops, without asking. Elsewhere an answer makes no sense to it when it would stop, or run
+    into a wall of its map, or when it has asked in this cell with this view before, and so would go in
+    circles. Then it turns and asks again with another view, up to all four; if none helps, it follows the
+    first. Nothing more is opened for that than the answers, and turning is no action: it does not move.
+    """
+    walls, goal = WALLS[dataset.layout], np.asarray(dataset.goal)
+    every = np.arange(len(goal))
+    asked = np.zeros((len(goal), CELLS, len(HEADINGS)), bool)
+
+    def decide(step: int, cells: NDArray[np.int64], headings: NDArray[np.int64]) -> NDArray[np.int64]:
+        if step == 0:
+            asked[:] = False
+        chosen = np.where(cells == goal, STOP, -1)
+        for turn in range(len(HEADINGS)):
+            looking = (headings + turn) % len(HEADINGS)
+            answers = policy(len(HEADINGS) * step + turn, cells, looking)
+            following = move(cells, answers).astype(np.int64)
+            senseless = (
+                (answers == STOP) | (following < 0) | walls[every, following] | asked[every, cells, looking]
+            )
+            pending = chosen < 0
+            asked[every[pending], cells[pending], looking[pending]] = True
+            chosen = np.where(pending & ~senseless, answers, chosen)
+            if turn == 0:
+                first = answers
+            if (chosen >= 0).all():
+                break
+        return np.where(chosen < 0, first, chosen)
+
+    return decide
 
 
 def random_walk(dataset: Dataset, seed: int) -> Episodes:

@@ -24,8 +24,8 @@ from ciphernav_jax.navigation.methods import METHODS, Method
 from ciphernav_jax.navigation.parties import cast
 from ciphernav_jax.navigation.plain import EndToEnd, Report
 from ciphernav_jax.navigation.policies import plain_policy, secret_policy
-from ciphernav_jax.navigation.rollout import Episodes, rollout
-from ciphernav_jax.navigation.samples import start_headings, teacher_forced
+from ciphernav_jax.navigation.rollout import Episodes, careful, rollout
+from ciphernav_jax.navigation.samples import start_headings, training_samples
 from ciphernav_jax.navigation.storage import Checkpoints, DamagedError, read_json, write_json
 from ciphernav_jax.secret import share
 from ciphernav_jax.world.dataset import Dataset
@@ -98,7 +98,7 @@ def train_classifier(
     config = _config(name, parties, seed, recipe, dataset) | {"encoders": _fingerprint(teacher.encoders)}
     if _begin(folder, config):
         return load(folder)[1]
-    samples = teacher_forced(dataset, sees(config))
+    samples = training_samples(dataset, sees(config), seed, recipe.errands, recipe.stray)
     seen = encode(dataset, sees(config), teacher)
     scales = features.fit_scales(seen, samples) if recipe.standardised else features.unscaled()
     weights, curve = classifier.train(
@@ -148,7 +148,13 @@ def row(config: dict, parties: int | None = None) -> str:
 
 
 def drive(
-    dataset: Dataset, config: dict, trained: Trained, seed: int, parties: int | None = None
+    dataset: Dataset,
+    config: dict,
+    trained: Trained,
+    seed: int,
+    parties: int | None = None,
+    *,
+    with_care: bool = False,
 ) -> Episodes:
     """Let a trained classifier drive in every environment; a secret one under secret sharing.
 
@@ -158,6 +164,7 @@ def drive(
         seed: of the shares and of the dealer.
         parties: lets a classifier that was trained in plaintext drive under secret sharing: its weights are
             public, the inputs and what is computed from them secret (the paper's section 3).
+        with_care: whether robots use what they alone know (`rollout.careful`).
 
     Raises:
         ValueError: fewer than two parties, or others than the ones that share the weights.
@@ -174,6 +181,8 @@ def drive(
         policy = secret_policy(trained.weights, seen, jax.random.key(seed), parties)
     else:
         policy = plain_policy(trained.weights, seen)
+    if with_care:
+        policy = careful(policy, dataset)
     return rollout(dataset, policy, start_headings(dataset, sees(config)))
 
 

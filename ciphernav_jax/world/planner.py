@@ -1,4 +1,4 @@
-"""Shortest paths on the grid, and whether obstacles force a detour.
+"""Shortest paths on the grid, from the start and from everywhere, and whether obstacles force a detour.
 
 The search is breadth first with neighbours in the order right, down, left, up, which settles
 ties between paths of equal length; labels and the detour test depend on that order.
@@ -9,10 +9,12 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from ciphernav_jax.world.grid import DOWN, LEFT, MAX_ACTIONS, RIGHT, START, STEP_TABLE, STOP, UP
+from ciphernav_jax.world.grid import CELLS, DOWN, LEFT, MAX_ACTIONS, RIGHT, START, STEP_TABLE, STOP, UP
 
 _NEXT = STEP_TABLE.tolist()
 NO_LABEL = -1
+ORDER = (RIGHT, DOWN, LEFT, UP)
+FAR = 2 * CELLS  # farther than any path is long
 
 
 def paths(blocked: NDArray[np.bool_]) -> dict[int, tuple[int, ...]]:
@@ -29,13 +31,40 @@ def paths(blocked: NDArray[np.bool_]) -> dict[int, tuple[int, ...]]:
     queue = deque([START])
     while queue:
         cell = queue.popleft()
-        for action in (RIGHT, DOWN, LEFT, UP):
+        for action in ORDER:
             following = _NEXT[cell][action]
             if following >= 0 and not barred[following] and following not in found:
                 found[following] = (*found[cell], action)
                 queue.append(following)
     del found[START]
     return found
+
+
+def guide(blocked: NDArray[np.bool_], goal: NDArray[np.integer]) -> NDArray[np.int8]:
+    """The next action of the shortest path to the goal from every cell, of N worlds at once.
+
+    From the start it leads along the path that `paths` finds.
+
+    Args:
+        blocked: bool[N, 25], the cells that cannot be entered.
+        goal: int[N], free cells.
+
+    Returns:
+        int8[N, 25]: a move, 0 on the goal, -1 where blocked or cut off from the goal.
+    """
+    count = len(blocked)
+    following = np.where(STEP_TABLE < 0, CELLS, STEP_TABLE)  # a cell off the grid, as far as can be
+    distance = np.full((count, CELLS + 1), FAR)
+    distance[np.arange(count), goal] = 0
+    for _ in range(CELLS):
+        nearer = np.min(distance[:, following[:, 1:]], axis=2) + 1
+        distance[:, :CELLS] = np.where(blocked, FAR, np.minimum(distance[:, :CELLS], nearer))
+    actions = np.full((count, CELLS), NO_LABEL, np.int8)
+    for action in reversed(ORDER):  # the first in the order is written last
+        closer = distance[:, following[:, action]] == distance[:, :CELLS] - 1
+        actions[closer & ~blocked & (distance[:, :CELLS] < FAR)] = action
+    actions[np.arange(count), goal] = STOP
+    return actions
 
 
 def needs_detour(walls: NDArray[np.bool_], obstacles: NDArray[np.bool_], goal: int) -> bool:

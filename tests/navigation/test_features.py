@@ -48,7 +48,7 @@ def test_slots_that_a_method_has_not_are_zero(world, navigator, name, held):
 def test_standardised_features_have_mean_zero_and_no_spread_above_one(world, navigator):
     seen, samples = encoded(world, navigator, "plaintext"), teacher_forced(world, METHODS["plaintext"])
     standard = features.standardise(seen, features.fit_scales(seen, samples))
-    slots = (*standard.cameras, *standard.robot(samples.env, samples.cell, samples.heading))
+    slots = (*standard.cameras, *standard.robot(samples.env, samples.cell, samples.heading, samples.goal))
     for slot in slots:
         np.testing.assert_allclose(slot.mean(0), 0, atol=1e-4)
         assert slot.std(0).max() < 1 + 1e-4

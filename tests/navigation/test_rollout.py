@@ -5,7 +5,7 @@ import pytest
 
 from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.metrics import overall, tally
-from ciphernav_jax.navigation.rollout import Outcome, random_walk, rollout
+from ciphernav_jax.navigation.rollout import Outcome, careful, random_walk, rollout
 from ciphernav_jax.navigation.samples import start_headings
 from ciphernav_jax.world.grid import WALLS
 
@@ -96,3 +96,48 @@ def test_a_random_walk_never_crashes_and_succeeds_on_entering_the_goal(world):
     assert won.any()
     np.testing.assert_array_equal(last == world.goal, won)
     np.testing.assert_array_equal(random_walk(world, seed=0).actions, episodes.actions)
+
+
+def by_view(answers):
+    """A policy that answers by heading alone."""
+    return lambda question, cells, headings: np.array([answers[heading] for heading in headings.tolist()])
+
+
+UP, DOWN, LEFT, RIGHT = range(4)
+
+
+@pytest.mark.parametrize(
+    ("answers", "outcome", "length"),
+    [
+        ({RIGHT: 0, UP: 4, DOWN: 4, LEFT: 4}, Outcome.SUCCESS, 3),  # stops too early: asks with another view
+        ({RIGHT: 1, UP: 4, DOWN: 4, LEFT: 4}, Outcome.SUCCESS, 3),  # off the grid
+        (
+            {RIGHT: 4, UP: 4, DOWN: 4, LEFT: 4},
+            Outcome.SUCCESS,
+            3,
+        ),  # does not stop on the goal: it does itself
+        ({RIGHT: 2, DOWN: 2, LEFT: 2, UP: 2}, Outcome.CRASH_OBSTACLE, 2),  # sees no obstacle itself
+        ({RIGHT: 0, DOWN: 0, LEFT: 0, UP: 0}, Outcome.NO_CRASH, 1),  # no view helps
+    ],
+)
+def test_a_careful_robot_uses_what_it_knows(ring, answers, outcome, length):
+    episodes = rollout(ring, careful(by_view(answers), ring), np.array([RIGHT]))
+    assert episodes.outcome.tolist() == [outcome]
+    assert episodes.lengths.tolist() == [length]
+
+
+def test_a_careful_robot_does_not_go_in_circles_and_asks_no_question_twice(ring):
+    asked = []
+
+    def back_and_forth(question, cells, headings):
+        asked.append((question, int(cells[0]), int(headings[0])))
+        if headings[0] == UP:
+            return np.array([4])
+        return np.array([4 if cells[0] == 0 else 3])
+
+    plain = rollout(ring, back_and_forth, np.array([RIGHT]))
+    assert plain.outcome.tolist() == [Outcome.NO_CRASH]
+    asked.clear()
+    episodes = rollout(ring, careful(back_and_forth, ring), np.array([RIGHT]))
+    assert episodes.outcome.tolist() == [Outcome.SUCCESS]
+    assert len({question for question, *_ in asked}) == len(asked)

@@ -54,3 +54,36 @@ def test_labels_end_with_a_stop():
     assert planner.labels((1,) * 16).tolist() == [1] * 16 + [0]
     with pytest.raises(ValueError, match="do not fit into 17 actions"):
         planner.labels((1,) * 17)
+
+
+def test_the_guide_leads_from_the_start_along_the_path_and_from_everywhere_by_as_short_a_one():
+    rng = np.random.default_rng(0)
+    for layout in range(12):
+        blocked = grid.WALLS[layout].copy()
+        blocked[rng.choice([2, 9, 14, 21, 10], 2, replace=False)] = True
+        found = planner.paths(blocked)
+        goals = np.array(list(found))
+        actions = planner.guide(np.repeat(blocked[None], len(goals), axis=0), goals)
+        for goal, row in zip(goals.tolist(), actions, strict=True):
+            cell, walked = grid.START, []
+            while row[cell] > 0:
+                walked.append(int(row[cell]))
+                cell = int(grid.move(cell, row[cell]))
+            assert cell == goal
+            assert tuple(walked) == found[goal]
+            assert (row[blocked] == planner.NO_LABEL).all()
+            away = distances_to(blocked, goal)
+            for start in np.flatnonzero(row > 0):
+                assert away[grid.move(start, row[start])] == away[start] - 1
+            assert (np.isinf(away) == (row == planner.NO_LABEL)).all()
+
+
+def distances_to(blocked, goal):
+    """Moves from every cell to the goal, by relaxation."""
+    best = np.full(25, np.inf)
+    best[goal] = 0
+    for _ in range(25):
+        for cell in np.flatnonzero(~blocked):
+            around = [int(grid.move(cell, action)) for action in range(1, 5)]
+            best[cell] = min(best[cell], *(best[a] + 1 for a in around if a >= 0 and not blocked[a]), np.inf)
+    return best

@@ -1,7 +1,7 @@
 """A row of a table: trained, driven in both test sets, and written as one JSON file for each seed.
 
 OUT/world/train        15,000 training environments
-OUT/world/validation   2,250 to choose recipes by
+OUT/world/validation, validation-unseen   2,250 each, drawn as the test sets are, to choose recipes by
 OUT/world/test         2,250 drawn independently of training, as the paper does
 OUT/world/unseen       2,250 without any layout-with-obstacles that training has
 OUT/models/ROW-SEED    a training folder; killed, it goes on to the same bits
@@ -51,6 +51,7 @@ class Row:
         recipe: how it is trained; None for the random walk.
         parties: who share a secret training.
         teacher: the row whose encoders a fresh classifier keeps, of the same seed.
+        careful: whether the robot uses what it alone knows (`rollout.careful`).
     """
 
     name: str
@@ -58,6 +59,7 @@ class Row:
     recipe: EndToEnd | FreshClassifier | None = None
     parties: int | None = None
     teacher: str = "plaintext"
+    careful: bool = False
 
 
 @dataclass
@@ -78,10 +80,10 @@ def world(name: str, out: Path) -> Dataset:
     if name == "train":
         return dataset.generate("train", TRAIN, 0, folder / name)
     unseen_by = None
-    if name == "unseen":
+    if name.endswith("unseen"):
         world("train", out)
         unseen_by = folder / "train"
-    split = "validation" if name == "validation" else "test"
+    split = "validation" if name.startswith("validation") else "test"
     return dataset.generate(split, TEST, 0, folder / name, unseen_by=unseen_by)
 
 
@@ -194,7 +196,11 @@ def _driver(
         return lambda environments: random_walk(environments, seed), []
     folder = train(row, seed, teachers, options)
     config, model = trained.load(folder)
-    return lambda environments: trained.drive(environments, config, model, seed), trained.curve(folder)
+
+    def drive(environments: Dataset) -> Episodes:
+        return trained.drive(environments, config, model, seed, with_care=row.careful)
+
+    return drive, trained.curve(folder)
 
 
 def by_length(environments: Dataset, episodes: Episodes) -> dict[str, metrics.Counts]:
