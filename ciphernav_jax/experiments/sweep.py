@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from ciphernav_jax.experiments import pictures, process, tables, trial
@@ -95,8 +94,7 @@ def run(
         for count, protocol in itertools.product(dict.fromkeys(parties), dict.fromkeys(protocols))
         if (str(protocol), count) not in kept
     ]
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress:
+    with tables.progress(console) as progress:
         task = progress.add_task("", total=len(trials))
         for tried in trials:
             progress.update(task, description=f"{tried.protocol}, {tried.parties} parties")
