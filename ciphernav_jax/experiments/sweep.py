@@ -6,6 +6,7 @@ OUT/sweep.png    the picture
 """
 
 import itertools
+import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -122,11 +123,9 @@ def _begun(path: Path, configuration: dict[str, Any]) -> dict[str, Any]:
     if not path.exists():
         return fresh
     found = read_json(path)
-    # Tuples are lists in JSON.
-    sizes = configuration["effort"]["sizes"]
-    sizes |= {name: list(size) if isinstance(size, tuple) else size for name, size in sizes.items()}
+    asked = json.loads(json.dumps(fresh))  # as it would be read, with lists for tuples
     for name in ("configuration", "versions", "machine"):
-        if found[name] != fresh[name]:
+        if found[name] != asked[name]:
             raise ValueError(
                 f"{path} holds a sweep with another {name}; choose another --out, or remove it to start anew"
             )
