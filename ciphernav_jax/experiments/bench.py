@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from ciphernav_jax.experiments import floor, measure, peers, process, tables
@@ -121,8 +120,7 @@ def run(
         "results": [],
         "peers": [],
     }
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress:
+    with tables.progress(console) as progress:
         task = progress.add_task("", total=len(orders))
         for order in orders:
             progress.update(task, description=f"{order.work}, {order.parties} parties, {order.protocol}")

@@ -48,10 +48,7 @@ class Order:
     @staticmethod
     def from_json(order: dict) -> "Order":
         protocol = Protocol(**order["protocol"])
-        sizes: dict[str, Any] = {
-            name: tuple(size) if isinstance(size, list) else size for name, size in order["sizes"].items()
-        }
-        return Order(**order | {"protocol": protocol, "sizes": Sizes(**sizes)})
+        return Order(**order | {"protocol": protocol, "sizes": Sizes.from_json(order["sizes"])})
 
 
 def measure(order: Order) -> dict[str, Any]:

@@ -9,9 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 # Okabe and Ito's colours, for the default and the extremes; the others are grey.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 GREY = "#8C8C8C"
 SMALL = 8
+
+Points = dict[str, list[tuple[int, float]]]  # of each variant the numbers of parties, and a value for each
 
 
 def sweep(document: dict[str, Any], path: Path) -> None:
@@ -29,15 +31,18 @@ def sweep(document: dict[str, Any], path: Path) -> None:
     (time, cost), (error, loss) = upper.subplots(1, 2), lower.subplots(1, 2, sharey=True)
     names = list(dict.fromkeys(result["protocol"] for result in done))
     series = {name: sorted((r for r in done if r["protocol"] == name), key=_parties) for name in names}
-    _lines(time, series, lambda r: r["step"]["seconds"]["median"])
+    seconds = _points(series, lambda r: r["step"]["seconds"]["median"])
+    messages = _points(series, lambda r: r["step"]["cost"] and r["step"]["cost"]["wan_s"])
+    colours = _colours(seconds, messages)
+    _lines(time, series, seconds, colours)
     _title(time, "Training step, seconds")
-    _lines(cost, series, lambda r: r["step"]["cost"] and r["step"]["cost"]["wan_s"])
+    _lines(cost, series, messages, colours)
     _title(cost, "Training step, seconds of messages on a WAN (projected)")
     fewest = min(map(_parties, done))
     shown = sorted((r for r in done if r["parties"] == fewest), key=lambda r: r["outputs"]["largest"])
-    _dots(error, shown, [r["outputs"]["largest"] for r in shown])
+    _dots(error, shown, [r["outputs"]["largest"] for r in shown], colours)
     _title(error, f"Largest error of an output, P = {fewest}")
-    _dots(loss, shown, [_off(r) for r in shown])
+    _dots(loss, shown, [_off(r) for r in shown], colours)
     steps = document["configuration"]["effort"]["steps"]
     _title(loss, f"Loss after {steps} steps: relative error, P = {fewest}")
     _save(figure, path)
@@ -65,20 +70,32 @@ def _off(result: dict[str, Any]) -> float | None:
     return abs(found / expected - 1)
 
 
-def _lines(axes: Axes, series: dict[str, list[dict]], value: Any) -> None:
-    drawn = {}
-    for name, results in series.items():
-        points = [(r["parties"], value(r)) for r in results if value(r) is not None]
-        if points:
-            drawn[name] = points
+def _points(series: dict[str, list[dict]], value: Any) -> Points:
+    found = {
+        name: [(r["parties"], value(r)) for r in results if value(r) is not None]
+        for name, results in series.items()
+    }
+    return {name: points for name, points in found.items() if points}
+
+
+def _colours(*panels: Points) -> dict[str, str]:
+    """The same in all panels: for the default and, as far as they reach, each panel's extremes.
+
+    Between these lines are too close to tell apart.
+    """
+    named = ["default"]
+    for drawn in panels:
+        last = max((points[-1][0] for points in drawn.values()), default=0)
+        ends = sorted((n for n in drawn if drawn[n][-1][0] == last), key=lambda name: drawn[name][-1][1])
+        named += [*reversed(ends[-3:]), *ends[:1]]
+    return dict(zip(dict.fromkeys(named), COLOURS, strict=False))
+
+
+def _lines(axes: Axes, series: dict[str, list[dict]], drawn: Points, colours: dict[str, str]) -> None:
+    """A line for each variant; those that have a colour are named at its end."""
     if not drawn:  # ideal variants alone have no messages
         axes.set_axis_off()
         return
-    last = max(points[-1][0] for points in drawn.values())
-    ends = sorted((name for name in drawn if drawn[name][-1][0] == last), key=lambda name: drawn[name][-1][1])
-    # Direct labels for the default and the extremes; between them lines are too close to tell apart.
-    named = dict.fromkeys(["default", *reversed(ends[-3:]), *ends[:1]])
-    colours = dict(zip((n for n in named if n in drawn), COLOURS, strict=False))
     for name, points in drawn.items():
         x, y = zip(*points, strict=True)
         colour, style = colours.get(name, GREY), "--" if series[name][0]["ideal"] else "-"
@@ -90,8 +107,17 @@ def _lines(axes: Axes, series: dict[str, list[dict]], value: Any) -> None:
     axes.set_xticks(ticks, [str(x) for x in ticks])
     axes.minorticks_off()
     axes.set_xlabel("parties")
-    axes.set_xlim(right=last * 4)
-    _labels(axes, [(*drawn[name][-1], label(series[name][0]), colour) for name, colour in colours.items()])
+    axes.set_xlim(right=ticks[-1] * 4)
+    ends: dict[tuple[int, float], list[str]] = {}  # where lines coincide only the last drawn is seen
+    for name in (n for n in drawn if n in colours):
+        ends.setdefault(drawn[name][-1], []).append(name)
+    _labels(
+        axes,
+        [
+            (*end, " = ".join(label(series[name][0]) for name in names), colours[names[-1]])
+            for end, names in ends.items()
+        ],
+    )
     _clean(axes)
 
 
@@ -105,12 +131,11 @@ def _labels(axes: Axes, ends: list[tuple[float, float, str, str]]) -> None:
         axes.text(x * 1.07, below, text, color=colour, fontsize=SMALL, va="center")
 
 
-def _dots(axes: Axes, results: list[dict], values: list[float | None]) -> None:
-    """A row for each variant, the default in colour; empty where there is no value."""
+def _dots(axes: Axes, results: list[dict], values: list[float | None], colours: dict[str, str]) -> None:
+    """A row for each variant, in its colour; empty where there is no value."""
     for row, (result, value) in enumerate(zip(results, values, strict=True)):
         if value:
-            default = result["protocol"] == "default"
-            axes.scatter(value, row, color=COLOURS[0] if default else GREY, s=28, zorder=3)
+            axes.scatter(value, row, color=colours.get(result["protocol"], GREY), s=28, zorder=3)
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:.0e}".replace("e-0", "e-"))

@@ -6,13 +6,13 @@ OUT/sweep.png    the picture
 """
 
 import itertools
+import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from ciphernav_jax.experiments import pictures, process, tables, trial
@@ -95,8 +95,7 @@ def run(
         for count, protocol in itertools.product(dict.fromkeys(parties), dict.fromkeys(protocols))
         if (str(protocol), count) not in kept
     ]
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress:
+    with tables.progress(console) as progress:
         task = progress.add_task("", total=len(trials))
         for tried in trials:
             progress.update(task, description=f"{tried.protocol}, {tried.parties} parties")
@@ -124,11 +123,9 @@ def _begun(path: Path, configuration: dict[str, Any]) -> dict[str, Any]:
     if not path.exists():
         return fresh
     found = read_json(path)
-    # Tuples are lists in JSON.
-    sizes = configuration["effort"]["sizes"]
-    sizes |= {name: list(size) if isinstance(size, tuple) else size for name, size in sizes.items()}
+    asked = json.loads(json.dumps(fresh))  # as it would be read, with lists for tuples
     for name in ("configuration", "versions", "machine"):
-        if found[name] != fresh[name]:
+        if found[name] != asked[name]:
             raise ValueError(
                 f"{path} holds a sweep with another {name}; choose another --out, or remove it to start anew"
             )

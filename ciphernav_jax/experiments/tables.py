@@ -1,8 +1,10 @@
-"""Tables of measurements, for a terminal and in Markdown."""
+"""Tables of measurements, for a terminal and in Markdown, and the bar while they are made."""
 
 from collections.abc import Iterable
 
 from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 Cells = tuple[str, ...]
@@ -22,6 +24,12 @@ def terminal(title: str, header: Cells, rows: Iterable[Cells], note: str) -> Tab
     for row in rows:
         shown.add_row(*row)
     return shown
+
+
+def progress(console: Console) -> Progress:
+    """A bar that says what is measured, how many are done, and since when."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    return Progress(*columns, console=console)
 
 
 def ms(seconds: float) -> str:

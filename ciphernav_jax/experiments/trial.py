@@ -64,13 +64,10 @@ class Trial:
     @staticmethod
     def from_json(order: dict[str, Any]) -> "Trial":
         effort = order["effort"]
-        sizes: dict[str, Any] = {
-            name: tuple(size) if isinstance(size, list) else size for name, size in effort["sizes"].items()
-        }
         return Trial(
             Protocol(**order["protocol"]),
             order["parties"],
-            Effort(**effort | {"sizes": Sizes(**sizes)}),
+            Effort(**effort | {"sizes": Sizes.from_json(effort["sizes"])}),
             order["seed"],
         )
 

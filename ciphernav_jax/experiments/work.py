@@ -43,6 +43,12 @@ class Sizes:
     product: tuple[int, int, int] = (500, 288, 128)
     """Rows, contraction and columns."""
 
+    @staticmethod
+    def from_json(sizes: dict[str, Any]) -> "Sizes":
+        # Tuples are lists in JSON.
+        given: dict[str, Any] = {n: tuple(x) if isinstance(x, list) else x for n, x in sizes.items()}
+        return Sizes(**given)
+
 
 @dataclass(frozen=True)
 class Work:

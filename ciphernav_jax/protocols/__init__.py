@@ -3,15 +3,17 @@
 In import order:
 - `party`: the party axis, its collectives, and who runs a program.
 - `sharing`: additive shares and shares by exclusive or.
+- `suite`: `Protocol`, the choice of variants.
 - `dealer`: correlated randomness: requests, plan, generation.
 - `repeat`: randomness for the bodies of loops and for branches.
 - `masked`: values opened under a mask.
 - `multiply`: Beaver products, elementwise, square, `dot_general`, and conjunction of words.
-- `truncate`: back to f fractional bits after a product.
+- `adders`: carries and borrows of binary adders.
 - `convert`: arithmetic to binary and back.
 - `compare`: the sign of a value.
+- `truncate`: back to f fractional bits after a product.
 - `relu`: ReLU and selection.
-- `suite`: `Protocol`, the choice of variants.
+- `ideal`: what a trusted third party would compute, for sweeps; not protocols.
 - `run`: a program together with its dealer, planned, dealt and run.
 - `jaxprs`: what the equations of a traced program wrap, and under which names they stand.
 - `messages`: all openings of a traced program with their rounds, and the check that nothing else crosses.

@@ -54,8 +54,11 @@ class Circuit:
         return Mask(shape, shift, bits=self.sign_bit + 1, pairs=pairs, words=words)
 
 
+DEFAULT = Circuit()
+
+
 @labelled
-def positive(dealer: Dealer, x: UInt64[Array, "..."], circuit: Circuit = Circuit()) -> Masked:
+def positive(dealer: Dealer, x: UInt64[Array, "..."], circuit: Circuit = DEFAULT) -> Masked:
     """The bit x > 0 (1 or 0, additively shared) of a signed x, from one masked opening.
 
     1. take [r] and its bits; 2. open c = [x] + [r]; 3. `positive_from_opening`.
@@ -119,7 +122,7 @@ def borrow(
 
 
 @labelled
-def resharing(dealer: Dealer, x: UInt64[Array, "..."], circuit: Circuit = Circuit()) -> Masked:
+def resharing(dealer: Dealer, x: UInt64[Array, "..."], circuit: Circuit = DEFAULT) -> Masked:
     """The bit x > 0 of a signed x, from shares of the bits of each party's share.
 
     1. take P sharings of zero by exclusive or; party i adds the bits of its share x_i to the i-th (party 0 of

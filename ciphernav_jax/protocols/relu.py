@@ -24,7 +24,7 @@ def relu(
     dealer: Dealer,
     x: UInt64[Array, "..."],
     shift: int = 0,
-    circuit: compare.Circuit = compare.Circuit(),  # noqa: B008
+    circuit: compare.Circuit = compare.DEFAULT,
 ) -> Relu:
     """max(x, 0) / 2^shift and the bit x > 0, from one opening of x.
 

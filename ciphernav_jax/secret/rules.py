@@ -155,7 +155,7 @@ def _gather(context: Context, x: Operand, indices: Operand, **params: Any) -> Va
     return Value(context, x.frac_bits, share=lax.gather_p.bind(x.share, indices, **params))
 
 
-def _scatter_into(scatter: Callable[..., Array], together: Callable[..., tuple[Value, ...]]) -> Rule:
+def _scatter_into(scatter: Callable[..., Array]) -> Rule:
     """The rule of a scatter of any of operand and updates that are secret, at public indices."""
 
     def scattered(
@@ -172,7 +172,7 @@ def _scatter_into(scatter: Callable[..., Array], together: Callable[..., tuple[V
     ) -> Value:
         if isinstance(indices, Value):
             raise Unsupported("the indices are secret; scatter takes public indices")
-        into, new = together(context, (x, updates))
+        into, new = _side_by_side(context, (x, updates))
         # Not the primitive's own parameters: those hold a sum of floats, and shares are words.
         share = scatter(
             into.share,
@@ -188,12 +188,12 @@ def _scatter_into(scatter: Callable[..., Array], together: Callable[..., tuple[V
     return scattered
 
 
-RULES["scatter"] = _scatter_into(lax.scatter, _side_by_side)
+RULES["scatter"] = _scatter_into(lax.scatter)
 
 
 # --- linear -----------------------------------------------------------------------------------------
 
-RULES["scatter-add"] = _scatter_into(lax.scatter_add, _side_by_side)
+RULES["scatter-add"] = _scatter_into(lax.scatter_add)
 
 
 @rule("add", "add_any")

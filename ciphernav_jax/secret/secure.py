@@ -267,13 +267,14 @@ def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
         if name in LOOPS and context.witness:
             raise Unsupported("an audit sees no loops and no branches; audit the body")
         if name in LOOPS:
-            with jax.named_scope(f"primitive:{name}"):
-                return LOOPS[name](_evaluate_closed, context, *operands, **eqn.params)
-        if name not in RULES:
+            rule = partial(LOOPS[name], _evaluate_closed)
+        elif name in RULES:
+            _check_dtype(name, eqn)
+            rule = RULES[name]
+        else:
             raise Unsupported("it has no rule")
-        _check_dtype(name, eqn)
         with jax.named_scope(f"primitive:{name}"):
-            return RULES[name](context, *operands, **eqn.params)
+            return rule(context, *operands, **eqn.params)
     except Unsupported as problem:
         place = source_info_util.summarize(eqn.source_info)
         raise NotImplementedError(

@@ -1,6 +1,6 @@
 """One operating-system process for each of two parties, joined by a TCP socket: real messages, counted.
 
-message_process.py OUT RANK PORT
+python -m tests.secret.message_process OUT RANK PORT
 
 A party's jaxpr is evaluated on the party's own shares. All equations that can be evaluated are; then
 all openings that wait go out together in one message, the other party's is awaited, and so on to the end.
@@ -24,19 +24,11 @@ import ciphernav_jax as cn
 from ciphernav_jax.protocols.dealer import deal
 from ciphernav_jax.protocols.run import one_partys_jaxpr, online, plan
 
+from .training import training_step
+
 PARTIES = 2
 CALLS = {"jit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
 PATIENCE_S = 120
-
-
-def training_step(weights, x, y):
-    """One step of SGD on a two-layer network with ReLU."""
-
-    def loss(weights):
-        return jnp.sum((jax.nn.relu(x @ weights["first"]) @ weights["second"] - y) ** 2)
-
-    value, gradient = jax.value_and_grad(loss)(weights)
-    return value, jax.tree.map(lambda w, g: w - 2.0**-8 * g, weights, gradient)
 
 
 def calls():

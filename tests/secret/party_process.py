@@ -1,7 +1,9 @@
 """One operating-system process of the deployment test: runs a secret training step and saves its shares.
 
-party_process.py OUT devices             both parties in this process, on two forced CPU devices
-party_process.py OUT process RANK PORT   party RANK of two, joined by jax.distributed on loopback
+python -m tests.secret.party_process OUT devices
+    both parties in this process, on two forced CPU devices
+python -m tests.secret.party_process OUT process RANK PORT
+    party RANK of two, joined by jax.distributed on loopback
 """
 
 import os
@@ -14,17 +16,9 @@ import numpy as np
 
 import ciphernav_jax as cn
 
+from .training import training_step
+
 PARTIES = 2
-
-
-def training_step(weights, x, y):
-    """One step of SGD on a two-layer network with ReLU."""
-
-    def loss(weights):
-        return jnp.sum((jax.nn.relu(x @ weights["first"]) @ weights["second"] - y) ** 2)
-
-    value, gradient = jax.value_and_grad(loss)(weights)
-    return value, jax.tree.map(lambda w, g: w - 2.0**-8 * g, weights, gradient)
 
 
 def loops(x, n):

@@ -21,7 +21,7 @@ from ciphernav_jax.secret.cost import Cost
 
 from .message_process import PARTIES, calls
 
-SCRIPT = Path(__file__).with_name("message_process.py")
+ROOT = Path(__file__).parents[2]
 ROWS, WIDTH, HIDDEN, OUT = 9, 6, 8, 3
 
 
@@ -247,7 +247,8 @@ def exchanged(tmp_path_factory):
     environment = os.environ | {"XLA_FLAGS": "--xla_backend_optimization_level=0"}
     processes = [
         subprocess.Popen(
-            [sys.executable, str(SCRIPT), str(out), str(rank), port],
+            [sys.executable, "-m", "tests.secret.message_process", str(out), str(rank), port],
+            cwd=ROOT,
             stderr=subprocess.PIPE,
             text=True,
             env=environment,

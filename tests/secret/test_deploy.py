@@ -14,13 +14,16 @@ from ciphernav_jax.protocols import party
 
 from .party_process import PARTIES, everything, inputs
 
-SCRIPT = Path(__file__).with_name("party_process.py")
+ROOT = Path(__file__).parents[2]
 TIME_LIMIT = 240
 
 
 def start(out, *arguments):
     return subprocess.Popen(
-        [sys.executable, str(SCRIPT), str(out), *arguments], stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "tests.secret.party_process", str(out), *arguments],
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        text=True,
     )
 
 

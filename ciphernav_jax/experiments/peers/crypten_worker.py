@@ -2,10 +2,9 @@
 
 # pyright: reportMissingImports=false
 import sys
-import time
 import types
 
-from harness import job, save
+from harness import job, save, timed
 
 # CrypTen 0.4.1 imports a module that torch no longer has; it is only needed to read ONNX models.
 registration = types.ModuleType("torch.onnx._internal.registration")
@@ -60,14 +59,7 @@ def party():
         "train": lambda: train(weights, *data),
     }[JOB.work]
     communicator = crypten.comm.get()
-    seconds = []
-    outputs = step()
-    for _ in range(JOB.repeats):
-        communicator.barrier()
-        start = time.perf_counter()
-        outputs = step()
-        communicator.barrier()
-        seconds.append(time.perf_counter() - start)
+    seconds, outputs = timed(step, communicator.barrier, JOB.repeats)
     # Its own decoding is off by one for some negative values; the ring elements are right.
     revealed = [(x.reveal().double() / x.encoder.scale).numpy() for x in outputs]
     if communicator.get_rank() == 0:  # here, as large results of a process would fill its launcher's queue

@@ -1,6 +1,7 @@
 """What the workers share. They run in the peers' own environments and import nothing of ciphernav_jax."""
 
 import sys
+import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -37,6 +38,19 @@ def job() -> Job:
             int(repeats),
             more,
         )
+
+
+def timed(step: Callable[[], Any], barrier: Callable[[], Any], repeats: int) -> tuple[list[float], Any]:
+    """Seconds of each call but the first, until all parties are done, and the last result."""
+    seconds = []
+    result = step()
+    for _ in range(repeats):
+        barrier()
+        start = time.perf_counter()
+        result = step()
+        barrier()
+        seconds.append(time.perf_counter() - start)
+    return seconds, result
 
 
 def save(path: str, seconds: list, outputs: list) -> None:

@@ -1,11 +1,9 @@
 """The works in PriX's CrypTen mode: one process for each party, the first party trusted to deal."""
 
 # pyright: reportMissingImports=false
-import time
-
 import jax
 import prix
-from harness import by_hand, job, save
+from harness import by_hand, job, save, timed
 
 JOB = job()
 
@@ -41,16 +39,14 @@ def party():
         "forward-public": lambda: [forward(weights, data[0])],
         "train": lambda: train(weights, *data),
     }[JOB.work]
-    communicator = prix.comm.get()
-    seconds = []
-    outputs = step()
-    for _ in range(JOB.repeats):
-        communicator.barrier()
-        start = time.perf_counter()
+
+    def finished():
         outputs = step()
         jax.block_until_ready([x.share for x in outputs])
-        communicator.barrier()
-        seconds.append(time.perf_counter() - start)
+        return outputs
+
+    communicator = prix.comm.get()
+    seconds, outputs = timed(finished, communicator.barrier, JOB.repeats)
     revealed = [x.get_plain_text() for x in outputs]
     if communicator.get_rank() == 0:  # here, as large results of a process would fill its launcher's queue
         save(JOB.result, seconds, revealed)

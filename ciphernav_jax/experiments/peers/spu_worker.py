@@ -3,11 +3,10 @@
 # pyright: reportMissingImports=false
 import sys
 import threading
-import time
 
 import jax
 import jax.numpy as jnp
-from harness import job, save
+from harness import job, save, timed
 from spu import api, libspu
 from spu.utils import frontend
 
@@ -67,21 +66,14 @@ def main():
     for rank in range(JOB.parties):
         description.add_party(f"id_{rank}", f"thread_{rank}")
     barrier = threading.Barrier(JOB.parties)
-    seconds: list = []
+    seconds: list = [None] * JOB.parties
     outputs: list = [None] * JOB.parties
 
     def party(rank):
         runtime = api.Runtime(libspu.link.create_mem(description, rank), config)
         for name, share in zip(executable.input_names, shares, strict=True):
             runtime.set_var(name, share[rank])
-        runtime.run(executable)
-        for _ in range(JOB.repeats):
-            barrier.wait()
-            start = time.perf_counter()
-            runtime.run(executable)
-            barrier.wait()
-            if rank == 0:
-                seconds.append(time.perf_counter() - start)
+        seconds[rank], _ = timed(lambda: runtime.run(executable), barrier.wait, JOB.repeats)
         outputs[rank] = [runtime.get_var(name) for name in executable.output_names]
 
     threads = [threading.Thread(target=party, args=(rank,)) for rank in range(JOB.parties)]
@@ -91,7 +83,7 @@ def main():
         thread.join()
     if any(output is None for output in outputs):
         sys.exit("a party failed")
-    save(JOB.result, seconds, [io.reconstruct(list(parts)) for parts in zip(*outputs, strict=True)])
+    save(JOB.result, seconds[0], [io.reconstruct(list(parts)) for parts in zip(*outputs, strict=True)])
 
 
 main()
