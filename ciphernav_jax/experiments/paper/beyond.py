@@ -4,10 +4,10 @@ The paper has 97.1 % in plaintext, 96.6 % with 2 parties, 96.9 % with 5; of 4,50
 
     python -m ciphernav_jax.experiments.paper.beyond             # about 25 minutes on two cores
 
-What is different from the rows of `accuracy`: the robot uses what it alone knows, the map, its place and goal,
-and where it has been (`navigation.rollout.careful`); and the classifier is trained for twice as many steps, on
-four further paths in each training environment. Parties, networks and protocols are the same; encoders are
-those of the row `plaintext`.
+What is different from the rows of `accuracy`: the robot uses what it alone knows, the map, its place and
+goal, and where it has been (`navigation.rollout.careful`); and the classifier is trained for twice as many
+steps, on four further paths in each training environment. Parties, networks and protocols are the same;
+encoders are those of the row `plaintext`.
 """
 
 from ciphernav_jax.experiments.paper.accuracy import PLAINTEXT
