@@ -8,6 +8,7 @@
 - `simulate`: floats to floats through the protocol, differentiable.
 - `cost`: rounds, bytes and correlated randomness of a function, from its trace.
 - `transcript`: every message of a call.
+- `view`: what parties see of a call, messages and all else.
 - `audit`: the truncations of a call, and how many fail.
 """
 
@@ -17,6 +18,7 @@ from ciphernav_jax.secret.cost import LAN, WAN, Cost, Network, cost
 from ciphernav_jax.secret.secure import deploy, secure
 from ciphernav_jax.secret.simulate import simulate
 from ciphernav_jax.secret.transcript import transcript
+from ciphernav_jax.secret.view import View, view
 
 __all__ = [
     "LAN",
@@ -24,6 +26,7 @@ __all__ = [
     "Cost",
     "Network",
     "Secret",
+    "View",
     "audit",
     "cost",
     "deploy",
@@ -32,4 +35,5 @@ __all__ = [
     "share",
     "simulate",
     "transcript",
+    "view",
 ]
