@@ -1,10 +1,10 @@
-"""The command line: `ciphernav generate | train | evaluate | demo | bench | sweep`.
+"""The command line: `ciphernav generate | train | evaluate | demo | bench | sweep | report`.
 
 - `options`: what each command can be told.
 - `commands`: train and evaluate.
 - `demo`: the whole job, small.
 
-`bench` and `sweep` are in the package `experiments`.
+`bench`, `sweep` and `report` are in the package `experiments`.
 
 What a command needs is imported when it runs, so that `--help` is quick and the processes that
 render never load JAX.
@@ -14,7 +14,7 @@ import sys
 
 import tyro
 
-from ciphernav_jax.cli.options import Bench, Demo, Evaluate, Sweep, Train
+from ciphernav_jax.cli.options import Bench, Demo, Evaluate, Report, Sweep, Train
 from ciphernav_jax.world.generate import Generate
 
 
@@ -28,6 +28,7 @@ def main() -> None:
             "demo": Demo,
             "bench": Bench,
             "sweep": Sweep,
+            "report": Report,
         },
         prog="ciphernav",
         description="A robot that navigates by other parties' cameras while nobody sees anybody's images.",
@@ -39,7 +40,7 @@ def main() -> None:
         sys.exit(1)
 
 
-def _run(command: Generate | Train | Evaluate | Demo | Bench | Sweep) -> None:
+def _run(command: Generate | Train | Evaluate | Demo | Bench | Sweep | Report) -> None:
     match command:
         case Generate():
             from ciphernav_jax.world import generate
@@ -81,3 +82,7 @@ def _run(command: Generate | Train | Evaluate | Demo | Bench | Sweep) -> None:
                 seed=command.seed,
                 effort=Effort(steps=command.steps, time_limit=command.time_limit),
             )
+        case Report():
+            from ciphernav_jax.experiments.report import write
+
+            write.run(command.results, command.out)

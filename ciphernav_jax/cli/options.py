@@ -186,3 +186,18 @@ class Sweep:
     """Seconds: no such training where it would take longer; its steps are then timed alone."""
     seed: int = 0
     """Of the weights, the data, the shares and the protocols."""
+
+
+@dataclass
+class Report:
+    """Set all results beside the paper's, on one page and as tables.
+
+    OUT then holds the page (report.html, one file that loads nothing from elsewhere), the tables in Markdown
+    (paper.md), and the pictures. What has no result file is said to be missing, with the command that
+    makes it.
+    """
+
+    results: Path = Path("results")
+    """Folder with paper/*.json, bench.json and sweep.json, as far as they are there."""
+    out: Path = Path("out/report")
+    """Folder for the report."""

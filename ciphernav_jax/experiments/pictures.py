@@ -17,12 +17,12 @@ Points = dict[str, list[tuple[int, float]]]  # of each variant the numbers of pa
 
 
 def sweep(document: dict[str, Any], path: Path) -> None:
-    """Four panels: seconds of a step, and messages, by the number of parties; errors and the loss by variant.
+    """Write `variants` of what `sweep.run` returns as a PNG."""
+    save(variants(document), path)
 
-    Args:
-        document: what `sweep.run` returns.
-        path: the PNG to write.
-    """
+
+def variants(document: dict[str, Any]) -> Figure:
+    """Four panels: seconds of a step, and messages, by the parties; errors and the loss by variant."""
     done = [result for result in document["results"] if result["status"] == "done"]
     figure = Figure(figsize=(10, 8), layout="constrained")
     upper, lower = figure.subfigures(
@@ -45,7 +45,7 @@ def sweep(document: dict[str, Any], path: Path) -> None:
     _dots(loss, shown, [_off(r) for r in shown], colours)
     steps = document["configuration"]["effort"]["steps"]
     _title(loss, f"Loss after {steps} steps: relative error, P = {fewest}")
-    _save(figure, path)
+    return figure
 
 
 def label(result: dict[str, Any]) -> str:
@@ -159,7 +159,8 @@ def _parties(result: dict[str, Any]) -> int:
     return result["parties"]
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save(figure: Figure, path: Path) -> None:
+    """Write a PNG, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     aside = path.with_name(path.name + ".part")
     figure.savefig(aside, format="png", dpi=90)

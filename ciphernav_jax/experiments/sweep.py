@@ -175,17 +175,22 @@ def markdown(document: dict[str, Any], parties: Sequence[int] = (2, 5)) -> str:
     """A few columns for a few numbers of parties, and what they were measured on."""
     machine, versions = document["machine"], document["versions"]
     effort = document["configuration"]["effort"]
-    rows = [
+    shown = tables.markdown(SHORT_HEADER, short_rows(document, parties))
+    return (
+        f"{machine['cpus']} cores of {machine['processor']}, jax {versions['jax']}. A training step with "
+        f"batch {effort['sizes']['train']}, a forward pass with batch {effort['sizes']['forward']}; the "
+        f"loss after {effort['steps']} steps.\n\n{shown}\n\n{NOTE}\n"
+    )
+
+
+def short_rows(document: dict[str, Any], parties: Sequence[int] = (2, 5)) -> list[Cells]:
+    """The cells of a few columns as text, see `SHORT_HEADER`, for a few numbers of parties."""
+    return [
         _short_row(result)
         for count in parties
         for result in document["results"]
         if result["parties"] == count
     ]
-    return (
-        f"{machine['cpus']} cores of {machine['processor']}, jax {versions['jax']}. A training step with "
-        f"batch {effort['sizes']['train']}, a forward pass with batch {effort['sizes']['forward']}; the "
-        f"loss after {effort['steps']} steps.\n\n{tables.markdown(SHORT_HEADER, rows)}\n\n{NOTE}\n"
-    )
 
 
 def _short_row(result: dict[str, Any]) -> Cells:

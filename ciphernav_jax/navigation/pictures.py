@@ -1,7 +1,7 @@
 """Pictures: training curves, and episodes with the map, the path and the five views."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from ciphernav_jax.navigation.rollout import Episodes, Outcome
 from ciphernav_jax.world import topview
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import START
+from ciphernav_jax.world.scenario import Scenario
 
 WORDS = {
     Outcome.SUCCESS: "success",
@@ -85,23 +86,36 @@ def interesting(dataset: Dataset, blind: Episodes, seeing: Episodes) -> list[int
     """
     won, lost = seeing.outcome == Outcome.SUCCESS, blind.outcome != Outcome.SUCCESS
     detour = np.asarray(dataset.detour)
+    chosen = ((won & lost & detour, 3), (won & ~lost & ~detour, 1), (~won, 1))
+    return [env for which, count in chosen for env in longest(dataset, seeing, which, count)]
 
-    def longest(which: NDArray[np.bool_], count: int) -> list[int]:
-        by_length = [env for env in np.argsort(-seeing.lengths, kind="stable").tolist() if which[env]]
-        layouts = dict.fromkeys(dataset.layout[env] for env in by_length)
-        return [next(e for e in by_length if dataset.layout[e] == layout) for layout in layouts][:count]
 
-    return longest(won & lost & detour, 3) + longest(won & ~lost & ~detour, 1) + longest(~won, 1)
+def longest(dataset: Dataset, driven: Episodes, which: NDArray[np.bool_], count: int) -> list[int]:
+    """The environments with the longest episodes among `which`, each in another layout."""
+    by_length = [env for env in np.argsort(-driven.lengths, kind="stable").tolist() if which[env]]
+    layouts = dict.fromkeys(dataset.layout[env] for env in by_length)
+    return [next(e for e in by_length if dataset.layout[e] == layout) for layout in layouts][:count]
+
+
+def from_above(
+    scenario: Scenario, cells: Sequence[int], actions: Sequence[int], outcome: Outcome, size: int = 480
+) -> NDArray[np.uint8]:
+    """An episode from above, uint8[size, size, 3], from the cells it went through and its actions."""
+    moves = [action for action in actions if action > 0]
+    return topview.draw(
+        scenario,
+        cells,
+        heading=moves[-1] - 1 if moves else None,
+        crashed=outcome in (Outcome.CRASH_OBSTACLE, Outcome.CRASH_WALL),
+        size=size,
+    )
 
 
 def _from_above(dataset: Dataset, result: Episodes, env: int) -> NDArray[np.uint8]:
-    moves = result.actions[env][result.actions[env] > 0]
-    return topview.draw(
-        dataset.scenario(env),
-        [int(cell) for cell in result.cells[env] if cell >= 0],
-        heading=int(moves[-1]) - 1 if len(moves) else None,
-        crashed=Outcome(result.outcome[env]) in (Outcome.CRASH_OBSTACLE, Outcome.CRASH_WALL),
+    cells, actions = (
+        [step for step in of[env].tolist() if step >= 0] for of in (result.cells, result.actions)
     )
+    return from_above(dataset.scenario(env), cells, actions, Outcome(result.outcome[env]))
 
 
 def _save(figure: Figure, path: Path) -> None:

@@ -1,0 +1,88 @@
+"""Tables of attacks."""
+
+from ciphernav_jax.experiments.report.results import Document, Results, spread
+from ciphernav_jax.experiments.report.table import OVER_SEEDS, Table, script
+from ciphernav_jax.navigation import paper
+
+
+def reconstruction(results: Results) -> Table:
+    """How well attackers tell whether there is an obstacle in a camera's view."""
+    documents = results.others.get("reconstruction", [])
+    printed = {"features": paper.RECONSTRUCTION["features"], "share": paper.RECONSTRUCTION["shares"]}
+    seen = documents[0]["results"] if documents else {}
+    attackers = [name for name in next(iter(seen.values()), ()) if name not in ("words", "train")]
+    rows = []
+    for what in seen:
+        found = [document["results"][what] for document in documents]
+        trials = sum(result[attackers[0]]["all"]["trials"] for result in found)
+        rows.append(
+            (
+                what.capitalize(),
+                f"{found[0]['words']:,}",
+                f"{trials:,}",
+                str(printed.get(what, "")),
+                *(_score([result[attacker]["all"] for result in found]) for attacker in attackers),
+            )
+        )
+    return Table(
+        "reconstruction",
+        "Is there an obstacle in a camera's view? Right answers in percent",
+        ("what the attacker sees", "words", "trials", "paper", *(f"ours: {name}" for name in attackers)),
+        rows,
+        f"Chance is {paper.RECONSTRUCTION['chance']:g}. {OVER_SEEDS}; of one seed, the 95 % interval. "
+        "Plaintext features, reused masks, no mask and no own share are leaks put there so that they be "
+        "found.",
+        () if rows else (script("reconstruction"),),
+    )
+
+
+def _score(scores: list[Document]) -> str:
+    if len(scores) == 1:
+        low, high = scores[0]["interval"]
+        return f"{scores[0]['accuracy']:.1f} ({low:.1f}-{high:.1f})"
+    return spread(scores, lambda score: score["accuracy"]).text()
+
+
+def queries(results: Results) -> Table:
+    """What all answers together tell about obstacles."""
+    documents = results.others.get("queries", [])
+    obstacles = documents[0]["results"]["obstacles"] if documents else {}
+    rows = [
+        (
+            known.capitalize(),
+            *(
+                spread(documents, lambda d, k=known, m=measure: _best(d["results"]["obstacles"][k], m)).text()
+                for measure in ("balanced", "auc", "exact")
+            ),
+            *(
+                spread(documents, lambda d, k=known, p=prop: _best(d["results"][p][k])).text()
+                if known in documents[0]["results"][prop]
+                else ""
+                for prop in ("shape", "colour")
+            ),
+        )
+        for known in obstacles
+    ]
+    if rows:
+        usual = (
+            spread(documents, lambda d, p=prop: d["results"][p]["most frequent"]["accuracy"]).text()
+            for prop in ("shape", "colour")
+        )
+        rows.append(("Always the most frequent", "", "", "", *usual))
+    return Table(
+        "queries",
+        "What a robot infers that asks for the way to every goal",
+        ("what it knows", "obstacles: balanced", "obstacles: AUC", "obstacles: all", "shape", "colour"),
+        rows,
+        f"In percent, of the better attacker. {OVER_SEEDS}. Obstacles: balanced accuracy over the cells "
+        "that may hold one, area under the curve, and how often all cells are right. Shape and colour are "
+        "those of an only obstacle. *Layout* is what is known beforehand, *camera features* what a leak "
+        "would tell. The paper has no number: it argues that answers tell where obstacles are, and no more.",
+        () if rows else (script("queries"),),
+    )
+
+
+def _best(attackers: Document, measure: str = "accuracy") -> float:
+    """The number of the attacker that does best."""
+    values = [found[measure] for found in attackers.values()]
+    return max(value["accuracy"] if isinstance(value, dict) else value for value in values)

@@ -1,0 +1,130 @@
+"""Tables of how robots drive, beside the paper's."""
+
+from collections.abc import Callable, Mapping
+
+from ciphernav_jax.experiments.report.results import Results, seeds, spread
+from ciphernav_jax.experiments.report.table import (
+    BEYOND,
+    OVER_SEEDS,
+    ROWS,
+    SETS,
+    Table,
+    made_by,
+    script,
+    title,
+)
+from ciphernav_jax.experiments.tables import Cells
+from ciphernav_jax.navigation import metrics, paper
+
+HALVES = ("detour", "no_detour", "overall")
+ABOUT = {
+    "test": "An episode ends at its first invalid move as a crash, which is stricter than the authors' "
+    "release. With more than five parties the additional ones hold no view; they hold shares, and take part "
+    "in all that is computed.",
+    "unseen": "No environment has both its walls and its obstacle cells in common with one in training; the "
+    "paper has no such set.",
+}
+
+
+def accuracy(results: Results, test_set: str) -> Table:
+    """Successes in percent of the trials."""
+    printed = {(name, half): getattr(row, half) for name, row in paper.TABLE.items() for half in HALVES}
+    return Table(
+        f"accuracy-{test_set}",
+        f"Accuracy in percent, {SETS[test_set]}",
+        *_beside(results, test_set, _share("success", "trials"), printed),
+        f"{OVER_SEEDS}; *overall* from the counts. {ABOUT[test_set]}",
+        made_by(results, ROWS),
+    )
+
+
+def efficiency(results: Results, test_set: str) -> Table:
+    """Successes that are as short as possible, in percent of the successes."""
+    printed = {
+        (name, half): getattr(row, f"efficient_{half}")
+        for name, row in paper.TABLE.items()
+        for half in HALVES
+    }
+    return Table(
+        f"efficiency-{test_set}",
+        f"Efficient successes in percent, {SETS[test_set]}",
+        *_beside(results, test_set, _share("efficient", "success"), printed),
+        f"{OVER_SEEDS}: successes with at most as many actions as the shortest path, of all successes.",
+        made_by(results, ROWS),
+    )
+
+
+def failures(results: Results, test_set: str) -> Table:
+    """How failed episodes ended, scaled to the paper's number of trials."""
+
+    def value(counts: metrics.Counts, kind: str) -> float:
+        both = metrics.overall(counts)
+        return both[kind] * paper.TRIALS / both["trials"]
+
+    names, kinds = tuple(paper.FAILURES), paper.Failures._fields
+    printed = {(name, kind): getattr(row, kind) for name, row in paper.FAILURES.items() for kind in kinds}
+    return Table(
+        f"failures-{test_set}",
+        f"Failures of {paper.TRIALS:,} episodes, {SETS[test_set]}",
+        *_beside(results, test_set, value, printed, kinds, names),
+        f"{OVER_SEEDS}, counted in each seed's test and scaled to the paper's {paper.TRIALS:,} episodes, "
+        "half of which require a detour. Obstacle and wall: crashes. No crash: the robot stops elsewhere "
+        "than on its goal, or wanders.",
+        made_by(results, names),
+    )
+
+
+def bounds(results: Results) -> Table:
+    """The best plan by what is known at the start."""
+    documents = results.others.get("bounds", [])
+    rows = [
+        (known.capitalize(), *(f"{numbers[half]:.1f}" for half in HALVES))
+        for document in documents
+        for known, numbers in document["results"].items()
+    ]
+    return Table(
+        "bounds",
+        "The best plan that can be made at the start",
+        ("known at the start", "detour", "no detour", "overall"),
+        rows,
+        "Accuracy in percent, exact over all scenarios as the independent test set draws them. A model "
+        "that knows the map alone cannot be better than the first row without a leak; one with eyes sees "
+        "more as it goes.",
+        () if rows else (script("bounds"),),
+    )
+
+
+def _share(part: str, whole: str) -> Callable[[metrics.Counts, str], float]:
+    """In percent, of one half of the counts or of both together."""
+
+    def value(counts: metrics.Counts, half: str) -> float:
+        counted = metrics.overall(counts) if half == "overall" else counts[half]
+        return metrics.percent(counted[part], counted[whole])
+
+    return value
+
+
+def _beside(
+    results: Results,
+    test_set: str,
+    value: Callable[[metrics.Counts, str], float],
+    printed: Mapping[tuple[str, str], float],
+    columns: tuple[str, ...] = HALVES,
+    names: tuple[str, ...] = ROWS,
+) -> tuple[Cells, list[Cells]]:
+    """Header and rows: for each column ours, and in the set that the paper has, its number before."""
+    theirs = printed if test_set == "test" else {}
+    header, rows = ["method", "seeds"], []
+    for column in columns:
+        word = column.removeprefix("crash_").replace("_", " ")
+        header += [f"{word}: paper", f"{word}: ours"] if theirs else [word]
+    beyond = sorted(name for name in results.runs if name.startswith(BEYOND))
+    for name in [*names, *(beyond if names == ROWS else ())]:
+        if documents := results.runs.get(name):
+            cells = []
+            for column in columns:
+                ours = spread(documents, lambda d, c=column: value(d["results"][test_set]["counts"], c))
+                number = theirs.get((name, column))
+                cells += [*(["" if number is None else str(number)] if theirs else []), ours.text()]
+            rows.append((title(name), seeds(documents), *cells))
+    return tuple(header), rows

@@ -1,0 +1,28 @@
+"""All tables of the report."""
+
+from collections.abc import Iterator
+
+from ciphernav_jax.experiments.report import attacks, costs, driving, engine
+from ciphernav_jax.experiments.report.results import Results
+from ciphernav_jax.experiments.report.table import SETS, Table
+
+
+def every(results: Results) -> Iterator[Table]:
+    """In their order."""
+    for test_set in SETS:
+        yield from (
+            table(results, test_set) for table in (driving.accuracy, driving.failures, driving.efficiency)
+        )
+    others = (
+        driving.bounds,
+        costs.cost,
+        costs.messages,
+        costs.audit,
+        costs.forward,
+        attacks.reconstruction,
+        attacks.queries,
+        engine.benchmarks,
+        engine.peers,
+        engine.variants,
+    )
+    yield from (table(results) for table in others)
