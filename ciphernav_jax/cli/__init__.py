@@ -85,4 +85,4 @@ def _run(command: Generate | Train | Evaluate | Demo | Bench | Sweep | Report) -
         case Report():
             from ciphernav_jax.experiments.report import write
 
-            write.run(command.results, command.out)
+            write.run(command.results, command.out, command.readme)

@@ -201,3 +201,6 @@ class Report:
     """Folder with paper/*.json, bench.json and sweep.json, as far as they are there."""
     out: Path = Path("out/report")
     """Folder for the report."""
+    readme: Path | None = None
+    """A Markdown file whose blocks `<!-- report: NAME -->` to `<!-- end -->` are filled with the tables of
+    these names, and whose pictures in RESULTS/paper are replaced."""

@@ -5,6 +5,8 @@ OUT/paper.md       the tables in Markdown, for the README
 OUT/NAME.png       the figures, for the README; OUT/episodes.png and the animation OUT/episode.gif
 """
 
+import re
+import shutil
 from pathlib import Path
 
 from rich.console import Console
@@ -17,12 +19,16 @@ from ciphernav_jax.navigation.storage import write_text
 console = Console(highlight=False)
 
 
-def run(folder: Path, out: Path) -> None:
-    """Read the result files in `folder`, and write the report into `out`.
+BLOCK = re.compile(r"(?<=<!-- report: )([\w-]+) -->\n(?:.*?\n)??(?=<!-- end -->)", re.DOTALL)
+
+
+def run(folder: Path, out: Path, readme: Path | None = None) -> None:
+    """Read the result files in `folder`, and write the report into `out`; fill the tables of a `readme`.
 
     Raises:
-        FileNotFoundError: no such folder.
+        FileNotFoundError: no such folder, or no such readme.
         DamagedError: a file is not JSON.
+        ValueError: the readme has a block of a name that no table has.
     """
     found = results.load(folder)
     write_text(out / "report.html", page.page(found))
@@ -35,6 +41,13 @@ def run(folder: Path, out: Path) -> None:
         frames = list(shown.frames(document["watched"], document["parties"]))
         shown.animation(frames, document["parties"], out / "episode.gif")
     console.print(f"Written: {out}/report.html, {out}/paper.md and pictures")
+    if readme:
+        text = readme.read_text()
+        write_text(readme, filled(text, found))
+        for path in folder.glob("paper/*.*"):
+            if path.suffix in (".png", ".gif") and (out / path.name).exists():
+                shutil.copyfile(out / path.name, path)
+        console.print(f"Filled: {readme}")
 
 
 def markdown(found: Results) -> str:
@@ -43,3 +56,15 @@ def markdown(found: Results) -> str:
         f"## {table.title}\n\n<!-- report: {table.name} -->\n{table.markdown()}\n<!-- end -->\n"
         for table in tables.every(found)
     )
+
+
+def filled(text: str, found: Results) -> str:
+    """A Markdown text with its blocks filled.
+
+    Raises:
+        ValueError: a block of a name that no table has.
+    """
+    blocks = {table.name: table.markdown() for table in tables.every(found)}
+    if unknown := [name for name in BLOCK.findall(text) if name not in blocks]:
+        raise ValueError(f"no table {', '.join(unknown)}; the tables are {', '.join(blocks)}")
+    return BLOCK.sub(lambda block: f"{block[1]} -->\n{blocks[block[1]]}\n", text)
