@@ -6,6 +6,7 @@ from typing import Any
 from rich.console import Console
 
 from ciphernav_jax.cli.options import Evaluate, Train
+from ciphernav_jax.experiments import variants
 from ciphernav_jax.navigation import metrics, trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.methods import METHODS
@@ -15,6 +16,7 @@ from ciphernav_jax.navigation.progress import bar
 from ciphernav_jax.navigation.rollout import random_walk
 from ciphernav_jax.navigation.storage import write_json
 from ciphernav_jax.navigation.trained import Trained
+from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.world import dataset
 
 console = Console()
@@ -41,7 +43,9 @@ def train(args: Train) -> None:
             console.print(statement(parties), highlight=False)
         recipe = FreshClassifier(**_given(steps=args.steps, batch=args.batch))
         with bar(f"secret, {parties} parties" if parties else args.method) as report:
-            trained.train_classifier(data, teacher, recipe, args.seed, args.out, report, parties)
+            trained.train_classifier(
+                data, teacher, recipe, args.seed, args.out, report, parties, _protocol(args.variant)
+            )
     console.print(f"Trained: {args.out}. Next: ciphernav evaluate --model {args.out} --data TEST_SET")
 
 
@@ -62,7 +66,9 @@ def evaluate(args: Evaluate) -> None:
         if parties := config["parties"] or args.parties:
             console.print(statement(parties, public_weights=not config["parties"]), highlight=False)
         with console.status(f"{len(data)} robots drive"):
-            episodes = trained.drive(data, config, model, args.seed, args.parties)
+            episodes = trained.drive(
+                data, config, model, args.seed, args.parties, protocol=_protocol(args.variant)
+            )
         out = args.out or args.model / "evaluation"
     counts = metrics.tally(data, episodes)
     described = {key: data.meta.get(key) for key in ("split", "count", "seed", "unseen_by")}
@@ -85,6 +91,8 @@ def _encoders(args: Train, data: dataset.Dataset) -> Trained:
 
 
 def _check(args: Train, secret: bool) -> None:
+    if args.variant != "default" and not secret:
+        raise ValueError(f"--variant is for --method secret; {args.method} has no secrets")
     if args.parties is not None:
         if not secret:
             raise ValueError(f"--parties is for --method secret; {args.method} has no secrets")
@@ -97,6 +105,10 @@ def _check(args: Train, secret: bool) -> None:
         value = getattr(args, name)
         if value is not None and value < 1:
             raise ValueError(f"--{name} must be at least 1, not {value}")
+
+
+def _protocol(text: str) -> Protocol | None:
+    return None if text == "default" else variants.parse(text)
 
 
 def _given(**options: int | None) -> dict[str, Any]:

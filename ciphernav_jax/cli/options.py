@@ -52,6 +52,9 @@ class Train:
     parties: int | None = None
     """Parties of a secret training: 2 (robot, owner of all cameras), 5 (robot, four owners), or any
     other number from 2 on. Default 2."""
+    variant: str = "default"
+    """Protocol of a secret training, as what differs from the default: truncation=nearest,opened=logits.
+    Robots then drive by it too. See `ciphernav sweep --help`."""
     encoders: Path | None = None
     """Finished `plaintext` training whose encoders to keep; without it one is trained in OUT/encoders."""
     seed: int = 0
@@ -83,6 +86,9 @@ class Evaluate:
     parties: int | None = None
     """Drive under secret sharing among so many parties; for a secret training the number it was trained with.
     """
+    variant: str = "default"
+    """Protocol with `--parties`, as what differs from the default: opened=logits. A secret training drives by
+    the one that it was trained with."""
     seed: int = 0
     """Of the shares and protocols, or of the random walk."""
 

@@ -25,6 +25,7 @@ from ciphernav_jax.navigation.parties import SLOTS, cast
 from ciphernav_jax.navigation.plain import Report
 from ciphernav_jax.navigation.samples import Samples
 from ciphernav_jax.navigation.storage import Checkpoints
+from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import audit, reveal, secure, share
 
 GRAPH = nnx.split(ActionClassifier(nnx.Rngs(0)))[0]
@@ -110,6 +111,7 @@ def train(
     checkpoints: Checkpoints,
     report: Report,
     parties: int | None = None,
+    protocol: Protocol | None = None,
 ) -> tuple[Any, list[dict]]:
     """Train a fresh classifier, or go on from the latest checkpoint: the same to the bit.
 
@@ -121,6 +123,7 @@ def train(
         checkpoints: one is kept, after the latest chunk of steps; of a secret it holds the shares.
         report: called after each chunk.
         parties: how many share the secrets; None trains in plaintext.
+        protocol: the variants; None for the default.
 
     Returns:
         The weights, secret if there are parties, and the curve: for each chunk a dict of step, mean
@@ -139,9 +142,10 @@ def train(
     state = (weights, jax.tree.map(jnp.zeros_like, weights))
     robot = features.robot(samples.env, samples.cell, samples.heading, samples.goal)
     data = (features.cameras, robot, one_hot(samples))
+    protocol = None if parties is None else protocol or Protocol()
     if parties is not None:
-        state = share(weights_key, state, parties=parties)
-        data = share_training_data(data_key, data, parties)
+        state = share(weights_key, state, parties=parties, protocol=protocol)
+        data = share_training_data(data_key, data, parties, protocol)
 
     done, state, curve = checkpoints.restore(state)
     compiled: dict[int, Any] = {}
@@ -152,13 +156,14 @@ def train(
         decay = (1 - steps / recipe.steps * (recipe.schedule == "linear")).astype(np.float32)
         total = jnp.float32(0)
         if parties is not None:
-            total = share(jax.random.fold_in(loss_key, done), total, parties=parties)
+            key = jax.random.fold_in(loss_key, done)
+            total = share(key, total, parties=parties, protocol=protocol)
         batches = (steps, decay, samples.env[rows], rows)
         args = (protocol_key, (*state, total), data, batches)
         timing = {}
         if len(steps) not in compiled:  # the last chunk may be shorter
             before = time.perf_counter()
-            compiled[len(steps)] = _run.lower(*args, recipe, parties is not None).compile()
+            compiled[len(steps)] = _run.lower(*args, recipe, protocol).compile()
             timing["compile_seconds"] = time.perf_counter() - before
             began += timing["compile_seconds"]
         (*state, total), right, truncations = compiled[len(steps)](*args)
@@ -177,15 +182,24 @@ def train(
     return state[0], curve
 
 
-@functools.partial(jax.jit, static_argnames=("recipe", "secret"), donate_argnames="state")
-def _run(key: jax.Array, state: tuple, data: tuple, batches: tuple, recipe: FreshClassifier, secret: bool):
+@functools.partial(jax.jit, static_argnames=("recipe", "protocol"), donate_argnames="state")
+def _run(
+    key: jax.Array,
+    state: tuple,
+    data: tuple,
+    batches: tuple,
+    recipe: FreshClassifier,
+    protocol: Protocol | None,
+):
     """A chunk of steps as one loop; a step's randomness comes from its number, wherever the chunk began.
+
+    Without a protocol it runs in the clear.
 
     Returns:
         The next state, the right answers of the last batch, and the truncations and those that failed.
     """
     cameras, robot, labels = data
-    evaluate = _secretly if secret else _openly
+    evaluate = functools.partial(_secretly, protocol) if protocol else _openly
     advance, count = evaluate(functools.partial(sgd_step, recipe=recipe)), evaluate(count_right)
 
     def samples(env, row):
@@ -207,8 +221,8 @@ def _run(key: jax.Array, state: tuple, data: tuple, batches: tuple, recipe: Fres
 NO_TRUNCATIONS = (np.int64(0), np.int64(0))
 
 
-def _secretly(function: Callable[..., Any]) -> Callable[..., Any]:
-    return audit(secure(function))
+def _secretly(protocol: Protocol, function: Callable[..., Any]) -> Callable[..., Any]:
+    return audit(secure(function, protocol=protocol))
 
 
 def _openly(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -220,7 +234,7 @@ def one_hot(samples: Samples) -> NDArray[np.float32]:
     return np.eye(ACTIONS, dtype=np.float32)[samples.action]
 
 
-def share_training_data(key: jax.Array, data: tuple, parties: int) -> tuple:
+def share_training_data(key: jax.Array, data: tuple, parties: int, protocol: Protocol | None = None) -> tuple:
     """Each owner shares its slots once, with randomness of its own; the robot shares the labels too."""
     cameras, robot, labels = data
     slots = dict(zip(SLOTS, (*cameras, *robot), strict=True))
@@ -228,9 +242,10 @@ def share_training_data(key: jax.Array, data: tuple, parties: int) -> tuple:
     for number, party in enumerate(cast(parties)):
         for slot in party.slots:
             own = jax.random.fold_in(jax.random.fold_in(key, number), SLOTS.index(slot))
-            shared[slot] = share(own, slots[slot], parties=parties)
+            shared[slot] = share(own, slots[slot], parties=parties, protocol=protocol)
     *shared_cameras, view, place = (shared[slot] for slot in SLOTS)
-    labels = share(jax.random.fold_in(jax.random.fold_in(key, 0), len(SLOTS)), labels, parties=parties)
+    of_labels = jax.random.fold_in(jax.random.fold_in(key, 0), len(SLOTS))
+    labels = share(of_labels, labels, parties=parties, protocol=protocol)
     return tuple(shared_cameras), (view, place), labels
 
 

@@ -27,6 +27,7 @@ from ciphernav_jax.navigation.policies import plain_policy, secret_policy
 from ciphernav_jax.navigation.rollout import Episodes, careful, rollout
 from ciphernav_jax.navigation.samples import start_headings, training_samples
 from ciphernav_jax.navigation.storage import Checkpoints, DamagedError, read_json, write_json
+from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import share
 from ciphernav_jax.world.dataset import Dataset
 
@@ -76,6 +77,7 @@ def train_classifier(
     folder: Path,
     report: Report,
     parties: int | None = None,
+    protocol: Protocol | None = None,
 ) -> Trained:
     """Train a fresh classifier on the features of `teacher`'s encoders, in a training folder.
 
@@ -87,6 +89,7 @@ def train_classifier(
         folder: the training folder.
         report: called after each chunk of steps.
         parties: how many share the secrets; None trains in plaintext.
+        protocol: the variants; None for the default. It decides how robots drive, too.
 
     Raises:
         ValueError: fewer than two parties.
@@ -96,6 +99,8 @@ def train_classifier(
         cast(parties)
     name = "plaintext-classifier" if parties is None else "secret"
     config = _config(name, parties, seed, recipe, dataset) | {"encoders": _fingerprint(teacher.encoders)}
+    if parties is not None:
+        config["protocol"] = asdict(protocol or Protocol())
     if _begin(folder, config):
         return load(folder)[1]
     samples = training_samples(dataset, sees(config), seed, recipe.errands, recipe.stray)
@@ -109,6 +114,7 @@ def train_classifier(
         Checkpoints(folder / "checkpoints"),
         report,
         parties,
+        protocol,
     )
     return _finish(folder, Trained(teacher.encoders, scales, weights), curve)
 
@@ -126,7 +132,7 @@ def load(folder: Path) -> tuple[dict, Trained]:
         raise DamagedError(
             f"the training in {folder} is not finished; the same `ciphernav train` goes on with it"
         )
-    _, trained, _ = Checkpoints(folder / "model").restore(_template(config["parties"]))
+    _, trained, _ = Checkpoints(folder / "model").restore(_template(config))
     return config, trained
 
 
@@ -154,6 +160,7 @@ def drive(
     seed: int,
     parties: int | None = None,
     *,
+    protocol: Protocol | None = None,
     with_care: bool = False,
 ) -> Episodes:
     """Let a trained classifier drive in every environment; a secret one under secret sharing.
@@ -164,10 +171,12 @@ def drive(
         seed: of the shares and of the dealer.
         parties: lets a classifier that was trained in plaintext drive under secret sharing: its weights are
             public, the inputs and what is computed from them secret (the paper's section 3).
+        protocol: of such a drive; a secret classifier drives by the one that it was trained with.
         with_care: whether robots use what they alone know (`rollout.careful`).
 
     Raises:
-        ValueError: fewer than two parties, or others than the ones that share the weights.
+        ValueError: fewer than two parties, or others than the ones that share the weights; a protocol for
+            a secret classifier, or for a drive in the clear.
     """
     if parties is not None:
         cast(parties)
@@ -175,10 +184,15 @@ def drive(
             raise ValueError(
                 f"{config['parties']} parties share these weights, not {parties}; leave --parties out"
             )
-    parties = config["parties"] or parties
+    if config["parties"]:
+        if protocol:
+            raise ValueError("a secret training drives by the protocol that it was trained with")
+        parties, protocol = config["parties"], Protocol(**config["protocol"])
+    if protocol and not parties:
+        raise ValueError("a variant of the protocol is for drives under secret sharing; say --parties too")
     seen = features.standardise(encode(dataset, sees(config), trained), trained.scales)
     if parties:
-        policy = secret_policy(trained.weights, seen, jax.random.key(seed), parties)
+        policy = secret_policy(trained.weights, seen, jax.random.key(seed), parties, protocol)
     else:
         policy = plain_policy(trained.weights, seen)
     if with_care:
@@ -230,9 +244,9 @@ def _finish(folder: Path, trained: Trained, curve: list[dict]) -> Trained:
     return trained
 
 
-def _template(parties: int | None) -> Trained:
+def _template(config: dict) -> Trained:
     parts = nnx.to_pure_dict(nnx.state(Navigator(nnx.Rngs(0)), nnx.Param))
     weights = parts.pop("classifier")
-    if parties:
-        weights = share(jax.random.key(0), weights, parties=parties)
+    if parties := config["parties"]:
+        weights = share(jax.random.key(0), weights, parties=parties, protocol=Protocol(**config["protocol"]))
     return Trained(parts, features.unscaled(), weights)

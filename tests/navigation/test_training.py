@@ -172,3 +172,24 @@ def test_the_loss_of_lanes_teaches_the_encoder_what_is_in_them(world, tmp_path):
         return np.square(known @ small - ahead).sum() - np.square(known @ best - ahead).sum()
 
     assert left_over("with", 5.0) < 0.7 * left_over("without", 0.0)
+
+
+def test_a_variant_is_trained_and_driven_by(world, teacher, tmp_path):
+    protocol = cn.Protocol(frac_bits=18, truncation="nearest", opened="logits")
+    model = trained.train_classifier(world, teacher, FRESH, 0, tmp_path, silent, 2, protocol)
+    config, loaded = trained.load(tmp_path)
+    assert cn.Protocol(**config["protocol"]) == protocol
+    assert {weight.frac_bits for weight in jax.tree.leaves(loaded.weights, is_leaf=is_secret)} == {18}
+    assert_same(loaded, model)
+    driven = trained.drive(world, config, loaded, 0)
+    np.testing.assert_array_equal(driven.actions >= 0, driven.cells[:, :-1] >= 0)
+    with pytest.raises(ValueError, match="trained with"):
+        trained.drive(world, config, loaded, 0, protocol=cn.Protocol())
+    with pytest.raises(ValueError, match="say --parties"):
+        trained.drive(world, {**config, "parties": None}, teacher, 0, protocol=protocol)
+    with pytest.raises(DamagedError, match="differs in protocol"):
+        trained.train_classifier(world, teacher, FRESH, 0, tmp_path, silent, 2)
+
+
+def is_secret(leaf):
+    return isinstance(leaf, cn.Secret)
