@@ -48,13 +48,13 @@ def test_a_party_sees_its_shares_and_all_messages():
     for message in VIEW.messages:
         here = bits if message.opening.collective == "open_xor" else numbers
         assert np.isin(message.opened, here).all()
-        assert np.isin(message.sent[[0, 2]], here).all()
+        assert np.isin(np.asarray(message.sent)[[0, 2]], here).all()
 
 
 def test_a_party_sees_nothing_of_what_others_hold():
     seen = np.concatenate(of(1))
     for hidden in [*(s.shares for s in ARGS), *VIEW.dealt]:
-        assert not np.isin(hidden[[0, 2]], seen).any()
+        assert not np.isin(np.asarray(hidden)[[0, 2]], seen).any()
 
 
 def test_the_size_is_that_of_the_cost():

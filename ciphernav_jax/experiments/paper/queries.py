@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from ciphernav_jax.experiments.paper import attack
 from ciphernav_jax.experiments.paper.accuracy import ROWS
-from ciphernav_jax.experiments.paper.attack import ATTACKERS, Floats
+from ciphernav_jax.experiments.paper.attack import ATTACKERS, Attacker, Floats
 from ciphernav_jax.experiments.paper.runs import TEST, TRAIN, Options, console, train, world
 from ciphernav_jax.models.classifier import ACTIONS
 from ciphernav_jax.navigation import features, trained
@@ -173,15 +173,13 @@ def known_of_answers(train: Answers, test: Answers) -> Known:
     return Known(*(np.concatenate(side, axis=1) for side in zip(*parts, strict=True)))
 
 
-def obstacles(
-    known: Known, truth: tuple[NDArray, NDArray], hidden: tuple[int, ...], seed: int
-) -> dict[str, Any]:
+def obstacles(known: Known, truth: tuple[NDArray, NDArray], attacker: Attacker, seed: int) -> dict[str, Any]:
     """How well obstacles are found.
 
     Args:
         known: what the attacker knows.
         truth: bool[n, 15] and bool[m, 15], the cells that hold an obstacle.
-        hidden, seed: of the attacker.
+        attacker, seed: who learns.
 
     Returns:
         accuracy, auc: their means over the cells; balanced: the mean of the shares of obstacles and of empty
@@ -189,7 +187,7 @@ def obstacles(
         accuracy, and area under the curve. All in %.
     """
     right = truth[1]
-    chance = attack.learn(known.train, truth[0].astype(int), known.test, 2, hidden, seed)[..., 1]
+    chance = attack.learn(known.train, truth[0].astype(int), known.test, 2, attacker, seed)[..., 1]
     named = chance > 0.5
     cells = {
         str(cell): {"accuracy": percent(np.mean(hit)), "auc": percent(area(p, there))}
@@ -246,9 +244,9 @@ def properties(
     for what, all_known in known.items():
         x, y = all_known.of(train, test)
         found[what] = {}
-        for attacker, hidden in ATTACKERS.items():
-            answers = attack.learn(x, label[:, None], y, classes, hidden, seed)[:, 0].argmax(axis=-1)
-            found[what][attacker] = attack.score(int(np.sum(answers == right)), len(right))
+        for who, attacker in ATTACKERS.items():
+            answers = attack.learn(x, label[:, None], y, classes, attacker, seed)[:, 0].argmax(axis=-1)
+            found[what][who] = attack.score(int(np.sum(answers == right)), len(right))
     return found
 
 
@@ -267,7 +265,8 @@ def query(seed: int, options: Queries) -> tuple[dict[str, Any], dict[str, float]
         The results: agreement, questions (in an environment, on average), obstacles, shape, colour; and the
         seconds of asking and of the attacks.
     """
-    model = trained.load(train(ROWS[options.row], seed, ROWS, options))[1]
+    rows = {row.name: row for row in ROWS}
+    model = trained.load(train(rows[options.row], seed, rows, options))[1]
     weights = jax.tree.map(jnp.asarray, reveal(model.weights))
     environments, *others = datasets = [world(name, options.out) for name in ("train", "test", "validation")]
     began = time.perf_counter()
@@ -305,7 +304,7 @@ def query(seed: int, options: Queries) -> tuple[dict[str, Any], dict[str, float]
     }
     for name, each in known.items():
         results["obstacles"][name] = {
-            attacker: obstacles(each, truth, hidden, seed) for attacker, hidden in ATTACKERS.items()
+            who: obstacles(each, truth, attacker, seed) for who, attacker in ATTACKERS.items()
         }
         console.print(name, {who: found["exact"] for who, found in results["obstacles"][name].items()})
     for name in ("shape", "colour"):
@@ -318,7 +317,7 @@ def query(seed: int, options: Queries) -> tuple[dict[str, Any], dict[str, float]
 
 def main() -> None:
     """Ask and attack with every seed."""
-    args = tyro.cli(Queries)
+    args = tyro.cli(Queries, description=__doc__)
     for seed in args.seeds:
         configuration = {"row": args.row, "train": TRAIN, "test": 2 * TEST, "checked": CHECKED}
         attack.recorded(

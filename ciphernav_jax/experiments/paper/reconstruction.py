@@ -8,7 +8,8 @@ A camera's label is whether an obstacle stands in its lane. Training and test en
 the two labels, so that chance is 50 %. For each row, camera and attacker (`attack`) the file has hits and
 trials; "all" adds the cameras up. Robots stand at their start. What the attacker sees:
 
-- features: the camera's 32 plaintext features. Must be far above chance.
+- features: the camera's 32 plaintext features; must be far above chance, the more as our encoders learn what
+  stands in the lanes. features, actions alone: of encoders that learn from actions alone, like the paper's.
 - share, share bits: the robot's share of them, of two: as 32 numbers, as 2,048 bits.
 - forward: all that the robot sees of a decision (`best_action`, two parties, public weights): its shares of
   all inputs, its part of the dealer's randomness, all that is opened and all that the other party sends. Not
@@ -36,7 +37,7 @@ Planted leaks, which must be found, as must the features:
 
 import time
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -62,24 +63,13 @@ from ciphernav_jax.navigation.samples import start_headings, teacher_forced
 from ciphernav_jax.navigation.trained import Trained
 from ciphernav_jax.secret import Secret, reveal, secure, share, view
 from ciphernav_jax.world.dataset import Dataset
-from ciphernav_jax.world.grid import SIDE, START, move
-from ciphernav_jax.world.poses import POSE_CELL, POSE_HEADING
+from ciphernav_jax.world.grid import START
+from ciphernav_jax.world.poses import LANES
 
 BATCH = 4
 STEP_TRAIN = 4000
 SOME = 1000
 ROBOT = (0,)
-
-
-def _lane(camera: int) -> list[int]:
-    cells = [int(POSE_CELL[camera])]
-    while len(cells) < SIDE:
-        cells.append(int(move(cells[-1], POSE_HEADING[camera] + 1)))
-    return cells
-
-
-LANES: NDArray[np.intp] = np.array([_lane(camera) for camera in range(len(CAMERAS))])
-"""int[4, 5]: the cells that each camera looks along, its own first."""
 
 
 class Rows(NamedTuple):
@@ -240,22 +230,20 @@ class Look(NamedTuple):
     read: Callable[[Words, Words], tuple[Floats, Floats]] = attack.numbers
 
 
-@dataclass
-class Reconstruction(Options):
-    """Try to tell from what a party sees whether there is an obstacle in a camera's view."""
-
-
-def looks(model: Trained, rows: tuple[Rows, Rows], standardised: tuple[Rows, Rows]) -> dict[str, list[Look]]:
+def looks(
+    weights: Any, rows: tuple[Rows, Rows], standardised: tuple[Rows, Rows], actions_alone: tuple[Rows, Rows]
+) -> dict[str, list[Look]]:
     """Every row of the table, by its name: one look for all cameras, or one for each.
 
     Args:
-        model: the plaintext row's.
+        weights: the plaintext row's classifier.
         rows: the training and the test environments at their start.
         standardised: the same as secret training shares them.
+        actions_alone: the same with encoders that learned from actions alone.
     """
     each = range(len(CAMERAS))
     two, five = partial(share, parties=2), partial(share, parties=5)
-    robots = partial(forward, model.weights, ROBOT, two)
+    robots = partial(forward, weights, ROBOT, two)
     others = _first(standardised[0], BATCH - 1, after=STEP_TRAIN)
     step = training_step(classifier.initial(0), others, two)
     # A step takes as long as a hundred decisions, and what the reused masks leak needs few environments.
@@ -264,21 +252,22 @@ def looks(model: Trained, rows: tuple[Rows, Rows], standardised: tuple[Rows, Row
 
     def all_but(camera: int, sharing: Share) -> Look:
         coalition = [party for party in range(5) if party != camera + 1]
-        return Look(forward(model.weights, coalition, sharing), rows, [camera])
+        return Look(forward(weights, coalition, sharing), rows, [camera])
 
     return {
         "features": [Look(own_features(camera), rows, [camera]) for camera in each],
+        "features, actions alone": [Look(own_features(camera), actions_alone, [camera]) for camera in each],
         "share": [Look(robots_share(camera), rows, [camera]) for camera in each],
         "share bits": [Look(robots_share(camera), rows, [camera], read=attack.bits) for camera in each],
         "forward": [Look(robots(), rows)],
         "forward and output": [Look(robots(parts=("view", "output")), rows)],
         "output": [Look(robots(parts=("output",)), rows)],
         "forward, secret weights": [Look(robots(secret_weights=True), rows)],
-        "forward, 5 parties": [Look(forward(model.weights, [1], five), rows, each[1:])],
+        "forward, 5 parties": [Look(forward(weights, [1], five), rows, each[1:])],
         "all but one": [all_but(camera, five) for camera in each],
         "training step": [Look(step, some)],
         "forward, reused masks": [Look(robots(), rows, reused=True)],
-        "forward, no mask": [Look(forward(model.weights, ROBOT, to_robot_as_they_are(two)), rows)],
+        "forward, no mask": [Look(forward(weights, ROBOT, to_robot_as_they_are(two)), rows)],
         "all but one, no own share": [all_but(camera, keeping_nothing(five)) for camera in each],
         "training step, reused masks": [Look(step, few, reused=True)],
     }
@@ -300,10 +289,11 @@ def outcome(row: Sequence[Look], truth: tuple[NDArray, NDArray], seed: int) -> d
         words: how many are seen of an environment; train: environments learned from, by camera; for each
         attacker the score by camera, and in "all" that of their sum.
     """
-    found: dict[str, Any] = {"words": 0, "train": {}} | {attacker: {} for attacker in ATTACKERS}
+    found: dict[str, Any] = {"words": 0, "train": {}} | {name: {} for name in ATTACKERS}
     for look in row:
+        # Who reuses a key has it for the test environments too.
         words = [
-            collect(look.observe, rows, seed=2 * seed + i, reused=look.reused)
+            collect(look.observe, rows, 2 * seed + (i and not look.reused), reused=look.reused)
             for i, rows in enumerate(look.rows)
         ]
         found["words"] = words[0].shape[1]
@@ -314,29 +304,35 @@ def outcome(row: Sequence[Look], truth: tuple[NDArray, NDArray], seed: int) -> d
             x, test = (of_all[rows] for of_all, rows in zip(seen, chosen, strict=True))
             y, right = (of_all[rows] for of_all, rows in zip(known, chosen, strict=True))
             found["train"][CAMERAS[camera]] = len(x)
-            for attacker, hidden in ATTACKERS.items():
-                answers = attack.learn(x, y[:, None], test, 2, hidden, seed)[:, 0].argmax(axis=-1)
-                found[attacker][CAMERAS[camera]] = attack.score(int(np.sum(answers == right)), len(right))
-    for attacker in ATTACKERS:
-        scores = list(found[attacker].values())
-        found[attacker]["all"] = attack.score(*(sum(s[name] for s in scores) for name in ("hits", "trials")))
+            for name, attacker in ATTACKERS.items():
+                answers = attack.learn(x, y[:, None], test, 2, attacker, seed)[:, 0].argmax(axis=-1)
+                found[name][CAMERAS[camera]] = attack.score(int(np.sum(answers == right)), len(right))
+    for name in ATTACKERS:
+        scores = list(found[name].values())
+        found[name]["all"] = attack.score(*(sum(s[part] for s in scores) for part in ("hits", "trials")))
     return found
 
 
-def reconstruct(seed: int, options: Reconstruction) -> tuple[dict[str, Any], dict[str, float]]:
+def reconstruct(seed: int, options: Options) -> tuple[dict[str, Any], dict[str, float]]:
     """All rows, and the seconds that each took; see `outcome`."""
-    model = trained.load(train(ROWS["plaintext"], seed, ROWS, options))[1]
     cameras = METHODS["plaintext"]
-    datasets = [world(name, options.out) for name in ("train", "test")]
-    seen = [trained.encode(dataset, cameras, model) for dataset in datasets]
+    rows = {row.name: row for row in ROWS}
+    datasets = world("train", options.out), world("test", options.out)
+
+    def encoded(row: str) -> tuple[Trained, list[Features]]:
+        model = trained.load(train(rows[row], seed, rows, options))[1]
+        return model, [trained.encode(dataset, cameras, model) for dataset in datasets]
+
+    def starts(seen: list[Features]) -> tuple[Rows, Rows]:
+        return at_start(datasets[0], seen[0]), at_start(datasets[1], seen[1])
+
+    model, seen = encoded("plaintext")
     scales = features.fit_scales(seen[0], teacher_forced(datasets[0], cameras))
-    rows, standardised = (
-        (at_start(datasets[0], pair[0]), at_start(datasets[1], pair[1]))
-        for pair in (seen, [features.standardise(each, scales) for each in seen])
-    )
+    standardised = starts([features.standardise(each, scales) for each in seen])
+    attacks = looks(model.weights, starts(seen), standardised, starts(encoded("plaintext-actions-alone")[1]))
     truth = labels(datasets[0]), labels(datasets[1])
     results, seconds = {}, {}
-    for name, row in looks(model, rows, standardised).items():
+    for name, row in attacks.items():
         began = time.perf_counter()
         results[name] = outcome(row, truth, seed)
         seconds[name] = time.perf_counter() - began
@@ -346,7 +342,7 @@ def reconstruct(seed: int, options: Reconstruction) -> tuple[dict[str, Any], dic
 
 def main() -> None:
     """Attack with every seed."""
-    args = tyro.cli(Reconstruction)
+    args = tyro.cli(Options, description=__doc__)
     configuration = {"train": TRAIN, "test": TEST, "step": STEP_TRAIN, "batch of a step": BATCH, "some": SOME}
     for seed in args.seeds:
         attack.recorded(
