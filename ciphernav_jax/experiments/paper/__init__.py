@@ -10,4 +10,5 @@ and says at its head what the paper has, how long it takes, and what it writes. 
 - `fewest_steps`: how little secret training passes the paper's accuracy.
 - `bounds`: what a robot could reach that knows the map alone, or what it sees at the start.
 - `forward`: seconds of a forward pass.
+- `episodes`: pictures of episodes, and what each party saw of one.
 """
