@@ -129,7 +129,7 @@ def folder(tmp_path):
     """Result files of a few rows and of every other script."""
     runs = [run("map-only", seed, 6 + seed) for seed in range(3)]
     runs += [run("secret-2", seed, parties=2) for seed in range(2)]
-    runs += [run("secret-16", 0, parties=16), run("beyond-all", 0), run("paper-recipe-samples", 0)]
+    runs += [run("secret-16", 0, parties=16), run("beyond-2", 0, parties=2), run("paper-recipe-samples", 0)]
     documents = {f"{document['row']}-{document['seed']}": document for document in runs}
     (tmp_path / "paper").mkdir()
     for name, document in (documents | {k: v | MACHINE for k, v in others().items()}).items():
@@ -164,7 +164,7 @@ def test_accuracy_stands_beside_the_papers(loaded):
     assert (cells["overall: paper"], cells["overall: ours"]) == ("74.0", "80.0 ± 5.0")
     assert row(table, "16 parties, cameras")["seeds"] == "one"
     assert row(table, "16 parties, cameras")["detour: ours"] == "80.0"
-    assert table.rows[-1][0] == "beyond-all"
+    assert table.rows[-1][0] == "2 parties, beyond the paper"
     assert driving.accuracy(loaded, "unseen").header == ("method", "seeds", "detour", "no detour", "overall")
 
 
@@ -197,7 +197,7 @@ def test_messages_of_a_step_and_of_a_decision(loaded):
 
 def test_truncations_are_added_up(loaded):
     table = costs.audit(loaded)
-    assert table.rows[-1] == ("All", "3", "6,000", "2")  # two chunks of three runs; seed 1 fails one in each
+    assert table.rows[-1] == ("All", "4", "8,000", "2")  # two chunks of four runs; seed 1 fails one in each
 
 
 def test_the_other_scripts_have_their_tables(loaded):
@@ -239,7 +239,7 @@ def test_rows_that_are_missing_are_named(loaded):
     missing = driving.accuracy(loaded, "test").missing
     assert "--rows random first-person" in missing[0]
     assert "map-only" not in " ".join(missing)
-    assert missing[1].endswith("--rows secret-3 secret-9 --seeds 0")
+    assert missing[1].endswith("--rows plaintext-actions-alone secret-3 secret-9 --seeds 0")
 
 
 def test_lengths_are_of_all_seeds_together(loaded):

@@ -8,9 +8,11 @@ and says at its head what the paper has, how long it takes, and what it writes. 
 - `accuracy`: success, failures, efficiency and path lengths of every method.
 - `paper_recipe`: the classifier trained as the paper says.
 - `fewest_steps`: how little secret training passes the paper's accuracy.
+- `beyond`: past the paper's accuracy.
 - `bounds`: what a robot could reach that knows the map alone, or what it sees at the start.
 - `forward`: seconds of a forward pass.
 - `attack`: the attackers, and their scores.
 - `reconstruction`: is an obstacle in a camera's view? From features, shares, and all that parties see.
 - `queries`: what the answers to all questions tell about obstacles.
+- `episodes`: pictures of episodes, and what each party saw of one.
 """

@@ -95,9 +95,9 @@ def watched(dataset: Dataset, driven: Episodes, env: int, seen: Features, partie
     cameras = share(jax.random.fold_in(key, 0), [camera[env] for camera in seen.cameras], parties=parties)
     told["shares"] = dict(zip(CAMERAS, map(_top_bytes, cameras), strict=True))
     told["steps"] = []
-    heading = int(dataset.start_heading[env])
+    heading, goal = int(dataset.start_heading[env]), int(dataset.goal[env])
     for step, (cell, action) in enumerate(zip(told["cells"], told["actions"], strict=True), 1):
-        robot = seen.robot(*map(np.asarray, (env, cell, heading)))
+        robot = seen.robot(*map(np.asarray, (env, cell, heading, goal)))
         view, place = share(jax.random.fold_in(key, step), robot, parties=parties)
         told["steps"].append(
             {

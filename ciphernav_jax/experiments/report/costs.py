@@ -77,8 +77,8 @@ def messages(results: Results) -> Table:
         rows.append(
             (
                 title(name),
-                *(str(step["rounds"]), *(f"{step[sent] / 1e6:.3g}" for sent in BYTES)),
-                *(str(decision["rounds"]), *(f"{decision[sent] / 1e3:.3g}" for sent in BYTES)),
+                *(str(step["rounds"]), *(_size(step[sent] / 1e6) for sent in BYTES)),
+                *(str(decision["rounds"]), *(_size(decision[sent] / 1e3) for sent in BYTES)),
                 *(ms(decision["seconds"][network]) for network in ("LAN", "WAN")),
             )
         )
@@ -93,6 +93,10 @@ def messages(results: Results) -> Table:
         "projected, without computation.",
         made_by(results, CHEAP),
     )
+
+
+def _size(number: float) -> str:
+    return f"{number:.3g}" if number < 1000 else f"{number:,.0f}"
 
 
 def audit(results: Results) -> Table:

@@ -24,6 +24,10 @@ ABOUT = {
     "unseen": "No environment has both its walls and its obstacle cells in common with one in training; the "
     "paper has no such set.",
 }
+ABOUT_BEYOND = (
+    " Beyond the paper: trained for longer, and the robot uses the map and where it has been "
+    "(`ciphernav_jax.experiments.paper.beyond`)."
+)
 
 
 def accuracy(results: Results, test_set: str) -> Table:
@@ -33,7 +37,7 @@ def accuracy(results: Results, test_set: str) -> Table:
         f"accuracy-{test_set}",
         f"Accuracy in percent, {SETS[test_set]}",
         *_beside(results, test_set, _share("success", "trials"), printed),
-        f"{OVER_SEEDS}; *overall* from the counts. {ABOUT[test_set]}",
+        f"{OVER_SEEDS}; *overall* from the counts. {ABOUT[test_set]}{ABOUT_BEYOND * bool(_beyond(results))}",
         made_by(results, ROWS),
     )
 
@@ -94,6 +98,10 @@ def bounds(results: Results) -> Table:
     )
 
 
+def _beyond(results: Results) -> list[str]:
+    return sorted(name for name in results.runs if name.startswith(BEYOND))
+
+
 def _share(part: str, whole: str) -> Callable[[metrics.Counts, str], float]:
     """In percent, of one half of the counts or of both together."""
 
@@ -118,8 +126,7 @@ def _beside(
     for column in columns:
         word = column.removeprefix("crash_").replace("_", " ")
         header += [f"{word}: paper", f"{word}: ours"] if theirs else [word]
-    beyond = sorted(name for name in results.runs if name.startswith(BEYOND))
-    for name in [*names, *(beyond if names == ROWS else ())]:
+    for name in [*names, *(_beyond(results) if names == ROWS else ())]:
         if documents := results.runs.get(name):
             cells = []
             for column in columns:

@@ -96,7 +96,7 @@ def by_length(results: Results, what: str) -> Picture:
 
     def draw() -> Figure:
         figure, axes = _panel()
-        for name, colour in zip(LENGTHS, COLOURS, strict=True):
+        for name, colour in zip(LENGTHS, COLOURS, strict=False):
             if name in names:
                 lengths, counts = zip(*episodes_by_length(results.runs[name], what).items(), strict=True)
                 style = "--" if name.startswith("secret") else "-"
@@ -202,6 +202,6 @@ def svg(picture: Picture) -> str:
         file = io.StringIO()
         picture.draw().savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     drawn = file.getvalue()
-    drawn = drawn[drawn.index("<svg") :].replace(INK, "currentColor")
+    drawn = drawn[drawn.index("<svg") :].replace(INK, "currentColor").replace("#000000", "currentColor")
     drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.DOTALL)  # it names other sites
     return drawn.replace("<svg ", f'<svg role="img" aria-label="{picture.title}" ', 1)

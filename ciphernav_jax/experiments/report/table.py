@@ -8,7 +8,7 @@ from ciphernav_jax.experiments.report.results import Results
 from ciphernav_jax.experiments.tables import Cells
 from ciphernav_jax.navigation import metrics
 
-ONE_SEED = ("secret-3", "secret-9", "secret-16")
+ONE_SEED = ("plaintext-actions-alone", "secret-3", "secret-9", "secret-16")
 ROWS = (
     "random",
     "map-only",
@@ -27,12 +27,15 @@ CHEAP = ("secret-2", "secret-5", "fewest-2", "fewest-5")
 SETS = {"test": "independent test set", "unseen": "unseen layouts"}
 TITLES = {
     "fewest": "fewest steps",
-    "one-pass": "one pass",
+    "beyond": "beyond the paper",
+    "beyond-plaintext": "Plaintext, beyond the paper",
+    "plaintext-actions-alone": "Plaintext, from actions alone",
     "paper-recipe-samples": "Paper's recipe, batches of 500 samples",
     "paper-recipe-environments": "Paper's recipe, batches of 500 environments",
     "paper-recipe-secret": "paper's recipe, begun",
 }
-SCRIPTS = {"fewest": "fewest_steps", "one-pass": "fewest_steps", "paper-recipe": "paper_recipe"}
+SCRIPTS = {"fewest": "fewest_steps"}
+"""In `experiments.paper`, of rows that `accuracy` does not make."""
 OVER_SEEDS = "Ours: mean ± sample standard deviation over seeds"
 
 
