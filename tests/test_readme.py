@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from ciphernav_jax.experiments import bench, sweep
+from ciphernav_jax.experiments.report import results, write
 from ciphernav_jax.navigation import metrics
 
 ROOT = Path(__file__).parents[1]
@@ -33,6 +34,10 @@ def test_the_variants_are_those_of_the_committed_results():
     document = json.loads((ROOT / "results" / "sweep.json").read_text())
     _, shown = README.split("<!-- results/sweep.json -->\n")
     assert shown.split("<!-- end -->")[0].strip() == sweep.markdown(document).strip()
+
+
+def test_the_papers_tables_are_those_of_the_committed_results():
+    assert write.filled(README, results.load(ROOT / "results")) == README
 
 
 def test_the_default_never_fails_a_truncation():
