@@ -303,6 +303,23 @@ def test_the_files_are_whole(folder):
     assert "| Map only | 3 | 64.3 | 70.0 ± 10.0 |" in markdown
 
 
+def test_a_readmes_blocks_are_filled_with_its_tables(folder):
+    readme = folder / "README.md"
+    readme.write_text(
+        "Before\n<!-- report: bounds -->\n<!-- end -->\nand\n<!-- report: cost -->\nold\n<!-- end -->\n"
+    )
+    loaded = results.load(folder)
+    write.run(folder, folder / "out", readme)
+    expected = "\n".join(
+        f"{text}\n<!-- report: {found.name} -->\n{found.markdown()}\n<!-- end -->"
+        for text, found in (("Before", driving.bounds(loaded)), ("and", costs.cost(loaded)))
+    )
+    assert readme.read_text() == expected + "\n"
+    assert write.filled(expected, loaded) == expected
+    with pytest.raises(ValueError, match="no table nothing"):
+        write.filled("<!-- report: nothing -->\n<!-- end -->", loaded)
+
+
 def test_a_party_sees_its_own_and_noise():
     document = episodes(parties=5)
     frame = list(shown.frames(document["watched"], 5))[1]
