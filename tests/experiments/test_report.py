@@ -151,7 +151,7 @@ def test_a_mean_and_a_sample_standard_deviation_over_seeds(loaded):
         loaded.runs["map-only"], lambda d: d["results"]["test"]["counts"]["detour"]["success"]
     )
     assert found == (7.0, 1.0)  # of 6, 7, 8: the variance is (1 + 0 + 1) / 2
-    assert found.text() == "7.0 ± 1.0"
+    assert found.text() == "7.00 ± 1.00"
     assert results.spread([run("random", 0)], lambda d: 3.0) == (3.0, None)
 
 
@@ -159,11 +159,11 @@ def test_accuracy_stands_beside_the_papers(loaded):
     table = driving.accuracy(loaded, "test")
     cells = row(table, "Map only")
     assert cells["seeds"] == "3"
-    assert (cells["detour: paper"], cells["detour: ours"]) == ("64.3", "70.0 ± 10.0")
+    assert (cells["detour: paper"], cells["detour: ours"]) == ("64.3", "70.00 ± 10.00")
     # 15, 16 and 17 of 20; the paper's overall is 74.0, printed as such
-    assert (cells["overall: paper"], cells["overall: ours"]) == ("74.0", "80.0 ± 5.0")
+    assert (cells["overall: paper"], cells["overall: ours"]) == ("74.0", "80.00 ± 5.00")
     assert row(table, "16 parties, cameras")["seeds"] == "one"
-    assert row(table, "16 parties, cameras")["detour: ours"] == "80.0"
+    assert row(table, "16 parties, cameras")["detour: ours"] == "80.00"
     assert table.rows[-1][0] == "2 parties, beyond the paper"
     assert driving.accuracy(loaded, "unseen").header == ("method", "seeds", "detour", "no detour", "overall")
 
@@ -176,8 +176,8 @@ def test_failures_are_scaled_to_the_papers_trials(loaded):
 
 def test_efficiency_is_of_the_successes(loaded):
     cells = row(driving.efficiency(loaded, "test"), "2 parties, cameras")
-    assert cells["detour: ours"] == "100.0 ± 0.0"
-    assert cells["no detour: ours"] == f"{100 * 8 / 9:.1f} ± 0.0"
+    assert cells["detour: ours"] == "100.00 ± 0.00"
+    assert cells["no detour: ours"] == f"{100 * 8 / 9:.2f} ± 0.00"
 
 
 def test_what_training_in_secret_takes(loaded):
@@ -300,7 +300,7 @@ def test_the_files_are_whole(folder):
     markdown = (folder / "out" / "paper.md").read_text()
     table = driving.accuracy(results.load(folder), "test")
     assert f"<!-- report: accuracy-test -->\n{table.markdown()}\n<!-- end -->" in markdown
-    assert "| Map only | 3 | 64.3 | 70.0 ± 10.0 |" in markdown
+    assert "| Map only | 3 | 64.3 | 70.00 ± 10.00 |" in markdown
 
 
 def test_a_readmes_blocks_are_filled_with_its_tables(folder):

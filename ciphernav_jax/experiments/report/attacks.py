@@ -8,7 +8,9 @@ from ciphernav_jax.navigation import paper
 def reconstruction(results: Results) -> Table:
     """How well attackers tell whether there is an obstacle in a camera's view."""
     documents = results.others.get("reconstruction", [])
-    printed = {"features": paper.RECONSTRUCTION["features"], "share": paper.RECONSTRUCTION["shares"]}
+    features, shares = (paper.RECONSTRUCTION[what] for what in ("features", "shares"))
+    # The paper's encoders, too, learn from actions alone.
+    printed = {"features": features, "features, actions alone": features, "share": shares}
     seen = documents[0]["results"] if documents else {}
     attackers = [name for name in next(iter(seen.values()), ()) if name not in ("words", "train")]
     rows = []
@@ -40,7 +42,7 @@ def _score(scores: list[Document]) -> str:
     if len(scores) == 1:
         low, high = scores[0]["interval"]
         return f"{scores[0]['accuracy']:.1f} ({low:.1f}-{high:.1f})"
-    return spread(scores, lambda score: score["accuracy"]).text()
+    return spread(scores, lambda score: score["accuracy"]).text(1)
 
 
 def queries(results: Results) -> Table:
@@ -51,11 +53,13 @@ def queries(results: Results) -> Table:
         (
             known.capitalize(),
             *(
-                spread(documents, lambda d, k=known, m=measure: _best(d["results"]["obstacles"][k], m)).text()
+                spread(documents, lambda d, k=known, m=measure: _best(d["results"]["obstacles"][k], m)).text(
+                    1
+                )
                 for measure in ("balanced", "auc", "exact")
             ),
             *(
-                spread(documents, lambda d, k=known, p=prop: _best(d["results"][p][k])).text()
+                spread(documents, lambda d, k=known, p=prop: _best(d["results"][p][k])).text(1)
                 if known in documents[0]["results"][prop]
                 else ""
                 for prop in ("shape", "colour")
@@ -65,7 +69,7 @@ def queries(results: Results) -> Table:
     ]
     if rows:
         usual = (
-            spread(documents, lambda d, p=prop: d["results"][p]["most frequent"]["accuracy"]).text()
+            spread(documents, lambda d, p=prop: d["results"][p]["most frequent"]["accuracy"]).text(1)
             for prop in ("shape", "colour")
         )
         rows.append(("Always the most frequent", "", "", "", *usual))

@@ -70,7 +70,7 @@ def failures(results: Results, test_set: str) -> Table:
     return Table(
         f"failures-{test_set}",
         f"Failures of {paper.TRIALS:,} episodes, {SETS[test_set]}",
-        *_beside(results, test_set, value, printed, kinds, names),
+        *_beside(results, test_set, value, printed, kinds, names, digits=1),
         f"{OVER_SEEDS}, counted in each seed's test and scaled to the paper's {paper.TRIALS:,} episodes, "
         "half of which require a detour. Obstacle and wall: crashes. No crash: the robot stops elsewhere "
         "than on its goal, or wanders.",
@@ -119,6 +119,7 @@ def _beside(
     printed: Mapping[tuple[str, str], float],
     columns: tuple[str, ...] = HALVES,
     names: tuple[str, ...] = ROWS,
+    digits: int = 2,
 ) -> tuple[Cells, list[Cells]]:
     """Header and rows: for each column ours, and in the set that the paper has, its number before."""
     theirs = printed if test_set == "test" else {}
@@ -132,6 +133,6 @@ def _beside(
             for column in columns:
                 ours = spread(documents, lambda d, c=column: value(d["results"][test_set]["counts"], c))
                 number = theirs.get((name, column))
-                cells += [*(["" if number is None else str(number)] if theirs else []), ours.text()]
+                cells += [*(["" if number is None else str(number)] if theirs else []), ours.text(digits)]
             rows.append((title(name), seeds(documents), *cells))
     return tuple(header), rows

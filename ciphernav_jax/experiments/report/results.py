@@ -67,8 +67,8 @@ class Spread(NamedTuple):
     mean: float
     sd: float | None
 
-    def text(self, digits: int = 1) -> str:
-        """As in "99.1 ± 0.2"."""
+    def text(self, digits: int = 2) -> str:
+        """As in "99.10 ± 0.22"."""
         return f"{self.mean:.{digits}f}" + ("" if self.sd is None else f" ± {self.sd:.{digits}f}")
 
 
