@@ -254,18 +254,44 @@ def test_every_question_is_asked(weights):
         layout=layout,
         goal=np.zeros(3, np.uint8),
     )
-    views = rng.normal(size=(12, CELLS, 4, 32)).astype(np.float32)
-    answers = queries.ask(weights, seen, views)
     free = ~WALLS[layout]
-    asked = free[:, :, None, None] & free[:, None, None, :]
+    stands = free.copy()
+    stands[0, 3] = False  # an obstacle
+    index = np.where(stands[..., None], rng.integers(50, size=(3, CELLS, 4)), -1).astype(np.int32)
+    eyes = queries.Eyes(rng.normal(size=(50, 32)).astype(np.float32), index)
+    answers = queries.ask(weights, seen, eyes)
+    asked = stands[:, :, None, None] & free[:, None, None, :]
     np.testing.assert_array_equal(answers != queries.UNASKED, np.broadcast_to(asked, answers.shape))
+    count = 4 * np.sum(stands.sum(axis=1) * free.sum(axis=1))
+    assert queries.questions_asked(answers) == round(count / 3, 1)
+
     env, cell, heading, goal = (np.array(x) for x in ([0, 1, 2], [2, 11, 24], [3, 0, 2], [20, 12, 1]))
-    slots = queries.slots_of(seen, views, env, (cell, heading, goal))
+    slots = queries.slots_of(seen, eyes, env, (cell, heading, goal))
     np.testing.assert_array_equal(slots[0], seen.cameras[0])
+    np.testing.assert_array_equal(slots[4][2], eyes.table[index[2, 24, 2]])
     np.testing.assert_array_equal(slots[5][1], seen.maps[8, 11, 12])
-    expected = classifier.predict(weights, slots).argmax(axis=1)
-    np.testing.assert_array_equal(answers[env, cell, heading, goal], expected)
-    assert queries.agreement(weights, seen, views, answers, 0)["accuracy"] == 100
+    every = np.argwhere(answers != queries.UNASKED)[::7].T
+    expected = classifier.predict(weights, queries.slots_of(seen, eyes, every[0], tuple(every[1:]))).argmax(
+        axis=1
+    )
+    np.testing.assert_array_equal(answers[tuple(every)], expected)
+    assert queries.agreement(weights, seen, eyes, answers, 0)["accuracy"] == 100
+
+
+def test_right_answers_by_hand():
+    obstacles = np.zeros((1, CELLS), bool)
+    obstacles[0, 1] = True
+    right = queries.right_answers(SimpleNamespace(layout=np.array([RING], np.uint8), obstacles=obstacles))
+    np.testing.assert_array_equal(
+        right[0, [0, 5, 2, 4], :, 2], [[DOWN] * 4, [DOWN] * 4, [STOP] * 4, [LEFT] * 4]
+    )
+    assert (right[0, 1] == queries.UNASKED).all()
+    assert (right[0, :, :, [1, 12]] == queries.UNASKED).all()
+    answers = np.full_like(right, DOWN)
+    answers[0, 0] = queries.UNASKED
+    downwards = int(np.sum(right[0, 1:] == DOWN))
+    score = queries.answered_rightly(answers, right)
+    assert (score["hits"], score["trials"]) == (downwards, np.sum(right[0, 1:] != queries.UNASKED))
 
 
 def test_a_rollout_meets_the_answers_along_its_path():

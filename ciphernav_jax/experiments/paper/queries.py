@@ -5,22 +5,26 @@ obstacles are.
 
     python -m ciphernav_jax.experiments.paper.queries      # TIME a seed on two cores
 
-The robot is honest but curious. It asks for the best action at every free cell, heading and goal of the map,
-and collects the answers. As its own view it gives what it would see without obstacles, so that answers depend
-on the map and on the cameras alone. Actions are computed in plaintext; that the secret evaluation gives the
-same is checked on 2,000 questions ("agreement").
-
+The robot is honest but curious: it asks for the best action again and again, and collects the answers.
 Attackers (`attack`) learn from the layout and from:
 
 - layout: nothing else; what is known beforehand.
-- rollouts: the answers along the answered paths, from the start to every goal.
-- answers: to every question.
+- rollouts: the answers along its way from the start to every goal. It looks with its own eyes, so that some
+  of what they tell is what it has seen itself.
+- rollouts, empty view: the same, but as its own view it gives what it would see without obstacles. These
+  answers depend on the map and on the cameras alone.
+- answers: with that empty view, to every question: every free cell, heading and goal of the map. Most of them
+  no honest robot would ask, and no training has answered.
+- rollouts, right answers: as rollouts, with the planner's answers, which depend on obstacles' cells alone.
 - camera features: the four cameras' plaintext features, the control.
 
 obstacles: for each of the 15 cells that can hold one, accuracy and area under the curve; their means;
 balanced accuracy; "exact": how often all 15 cells are right. shape, colour: of environments with one
 obstacle, and for the colour no cone, which has its own texture; beside what always naming the most frequent
 class would hit. Scored on the test and the validation environments, learned from the training environments.
+
+Answers are computed in plaintext; that two parties give the same is checked on 2,000 questions ("agreement").
+"questions": how many there are in an environment; "right": how many are answered as the planner would.
 """
 
 import time
@@ -46,6 +50,7 @@ from ciphernav_jax.navigation.policies import best_action
 from ciphernav_jax.secret import reveal, secure, share
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import CELLS, HEADINGS, MAX_ACTIONS, START, WALLS, move
+from ciphernav_jax.world.planner import guide
 from ciphernav_jax.world.scenario import COLOURS, OBSTACLE_CELLS, SHAPES
 
 CHECKED = 2000
@@ -55,6 +60,18 @@ BLOCK = 4  # environments answered at a time, some thousand questions each
 
 Answers = NDArray[np.int8]
 """int8[N, 25, 4, 25]: the action by cell, heading and goal; UNASKED where one of the cells is a wall."""
+
+
+class Eyes(NamedTuple):
+    """What the robot gives as its own view.
+
+    Attributes:
+        table: float32[V, 32], features of views.
+        index: int32[N, 25, 4], rows of the table by environment, cell and heading; -1 where it cannot stand.
+    """
+
+    table: Floats
+    index: NDArray[np.int32]
 
 
 def empty_views(dataset: Dataset) -> NDArray[np.int32]:
@@ -81,45 +98,52 @@ def questions(layout: int) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[
     return cell.ravel(), heading.ravel(), goal.ravel()
 
 
-def slots_of(seen: Features, views: Floats, env: NDArray, question: tuple[NDArray, ...]) -> tuple:
-    """The classifier's input for single questions, with the views given in place of the robot's own.
-
-    Args:
-        seen: the environments' features.
-        views: float32[12, 25, 4, 32], by layout, cell and heading.
-        env: int[q].
-        question: cells, headings and goals, int[q] each.
-    """
+def slots_of(seen: Features, eyes: Eyes, env: NDArray, question: tuple[NDArray, ...]) -> tuple[Floats, ...]:
+    """The classifier's input for single questions: int[q] environments, and cells, headings and goals."""
     cell, heading, goal = question
-    layout = seen.layout[env]
     cameras = (camera[env] for camera in seen.cameras)
-    return (*cameras, views[layout, cell, heading], seen.maps[layout, cell, goal])
+    return (*cameras, eyes.table[eyes.index[env, cell, heading]], seen.maps[seen.layout[env], cell, goal])
 
 
-def ask(weights: Any, seen: Features, views: Floats) -> Answers:
+def ask(weights: Any, seen: Features, eyes: Eyes) -> Answers:
     """All answers in all environments."""
     found = np.full((len(seen.layout), CELLS, len(HEADINGS), CELLS), UNASKED, np.int8)
 
     @jax.jit
-    def answer(cameras, view, place):
-        def of_one(cameras):
-            own = [jnp.broadcast_to(camera, (len(view), camera.size)) for camera in cameras]
-            return best_action(weights, (*own, view, place)).astype(jnp.int8)
+    def answer(cameras, views, maps):
+        def of_one(slots):
+            *own, views = slots
+            own = [jnp.broadcast_to(camera, (len(maps), camera.size)) for camera in own]
+            views = jnp.repeat(views, len(maps) // len(views), axis=0)  # for all goals the same
+            return best_action(weights, (*own, views, maps)).astype(jnp.int8)
 
-        return jax.lax.map(of_one, cameras, batch_size=BLOCK)
+        return jax.lax.map(of_one, (*cameras, views), batch_size=BLOCK)
 
     for layout in np.unique(seen.layout):
         envs = np.flatnonzero(seen.layout == layout)
         cell, heading, goal = questions(layout)
+        index = eyes.index[envs][:, ~WALLS[layout]].reshape(len(envs), -1)
         cameras = tuple(camera[envs] for camera in seen.cameras)
-        actions = answer(cameras, views[layout, cell, heading], seen.maps[layout, cell, goal])
-        found[envs[:, None], cell, heading, goal] = np.asarray(actions)
+        actions = np.asarray(answer(cameras, eyes.table[index], seen.maps[layout, cell, goal]))
+        can_stand = eyes.index[envs[:, None], cell, heading] >= 0
+        found[envs[:, None], cell, heading, goal] = np.where(can_stand, actions, UNASKED)
+    return found
+
+
+def right_answers(dataset: Dataset) -> Answers:
+    """The planner's; UNASKED also where no path leads to the goal."""
+    walls, obstacles = WALLS[dataset.layout], np.asarray(dataset.obstacles)
+    found = np.full((len(walls), CELLS, len(HEADINGS), CELLS), UNASKED, np.int8)
+    for goal in range(CELLS):
+        right = guide(walls | obstacles, np.full(len(walls), goal))
+        right[walls[:, goal] | obstacles[:, goal]] = UNASKED
+        found[..., goal] = right[:, :, None]
     return found
 
 
 def along_paths(answers: Answers, layout: NDArray, headings: NDArray) -> Answers:
     """The answers that a robot meets which, for every goal, asks at the start and goes on where the answers
-    lead, until it is told to stop, or to run into a wall, or has asked 17 times; all others are UNASKED.
+    lead, until it is told to stop, or to go where it cannot, or has asked 17 times; all others are UNASKED.
     """
     met = np.full_like(answers, UNASKED)
     env, goal = (x.ravel() for x in np.indices((len(answers), CELLS)))
@@ -135,14 +159,25 @@ def along_paths(answers: Answers, layout: NDArray, headings: NDArray) -> Answers
     return met
 
 
-def agreement(weights: Any, seen: Features, views: Floats, answers: Answers, seed: int) -> dict[str, Any]:
+def agreement(weights: Any, seen: Features, eyes: Eyes, answers: Answers, seed: int) -> dict[str, Any]:
     """How many of CHECKED questions, chosen at random, two parties answer as in plaintext."""
     asked = np.argwhere(answers != UNASKED)
     env, *question = asked[np.random.default_rng(seed).choice(len(asked), CHECKED)].T
     share_key, call_key = jax.random.split(jax.random.key(seed))
-    slots = share(share_key, slots_of(seen, views, env, tuple(question)), parties=2)
+    slots = share(share_key, slots_of(seen, eyes, env, tuple(question)), parties=2)
     secret = np.asarray(reveal(secure(best_action)(call_key, weights, slots)))
     return attack.score(int(np.sum(secret == answers[env, *question])), CHECKED)
+
+
+def questions_asked(answers: Answers) -> float:
+    """How many questions there are in an environment, on average."""
+    return round(float(np.sum(answers != UNASKED) / len(answers)), 1)
+
+
+def answered_rightly(answers: Answers, right: Answers) -> dict[str, Any]:
+    """The score of the answers among those that have a right one; another path as short counts as wrong."""
+    both = (answers != UNASKED) & (right != UNASKED)
+    return attack.score(int(np.sum((answers == right)[both])), int(both.sum()))
 
 
 class Known(NamedTuple):
@@ -254,7 +289,7 @@ def properties(
 class Queries(Options):
     """Ask a robot's every question, and infer from the answers where obstacles are, and which."""
 
-    row: str = "plaintext"
+    row: str = "secret-2"
     """Whose classifier answers: plaintext, plaintext-classifier, secret-2."""
 
 
@@ -262,8 +297,8 @@ def query(seed: int, options: Queries) -> tuple[dict[str, Any], dict[str, float]
     """Ask, and attack; see the head of this module.
 
     Returns:
-        The results: agreement, questions (in an environment, on average), obstacles, shape, colour; and the
-        seconds of asking and of the attacks.
+        The results: agreement, questions, right, obstacles, shape, colour; and the seconds of asking and of
+        the attacks.
     """
     rows = {row.name: row for row in ROWS}
     model = trained.load(train(rows[options.row], seed, rows, options))[1]
@@ -274,42 +309,47 @@ def query(seed: int, options: Queries) -> tuple[dict[str, Any], dict[str, float]
         features.standardise(trained.encode(dataset, METHODS["plaintext"], model), model.scales)
         for dataset in datasets
     ]
-    views = seen[0].views[empty_views(environments)]
-    answers = [ask(weights, each, views) for each in seen]
-    agreed = agreement(model.weights, seen[1], views, answers[1], seed)
+    empty = empty_views(environments)
+    eyes = [Eyes(seen[0].views, empty[each.layout]) for each in seen]
+    every = [ask(weights, each, empty_eyes) for each, empty_eyes in zip(seen, eyes, strict=True)]
+    agreed = agreement(model.weights, seen[1], eyes[1], every[1], seed)
+    right = [right_answers(dataset) for dataset in datasets]
+    on_the_way = {
+        "rollouts": [ask(weights, each, Eyes(each.views, each.view_index)) for each in seen],
+        "rollouts, empty view": every,
+        "rollouts, right answers": right,
+    }
+    answers = {
+        name: [
+            along_paths(found, each.layout, np.asarray(dataset.start_heading))
+            for found, each, dataset in zip(of_all, seen, datasets, strict=True)
+        ]
+        for name, of_all in on_the_way.items()
+    } | {"answers": every}
     seconds = {"ask": time.perf_counter() - began}
-
-    met = [
-        along_paths(found, each.layout, np.asarray(dataset.start_heading))
-        for found, each, dataset in zip(answers, seen, datasets, strict=True)
-    ]
-    cameras = [np.concatenate(each.cameras, axis=1) for each in seen]
-    layouts = [np.eye(len(WALLS), dtype=np.float32)[each.layout] for each in seen]
 
     def sides(of_all: list[NDArray]) -> tuple[NDArray, NDArray]:
         return of_all[0], np.concatenate(of_all[1:])
 
-    layout = Known(*sides(layouts))
-    known = {
-        "layout": layout,
-        "rollouts": layout.beside(known_of_answers(*sides(met))),
-        "answers": layout.beside(known_of_answers(*sides(answers))),
-        "camera features": layout.beside(Known(*attack.standard(*sides(cameras)))),
-    }
+    known = {"layout": Known(*sides([np.eye(len(WALLS), dtype=np.float32)[each.layout] for each in seen]))}
+    for name, of_all in answers.items():
+        known[name] = known["layout"].beside(known_of_answers(*sides(of_all)))
+    cameras = sides([np.concatenate(each.cameras, axis=1) for each in seen])
+    known["camera features"] = known["layout"].beside(Known(*attack.standard(*cameras)))
+
     truth = sides([np.asarray(dataset.obstacles)[:, OBSTACLE_CELLS] for dataset in datasets])
     results: dict[str, Any] = {
         "agreement": agreed,
-        "questions": round(float(np.mean(np.sum(answers[1] != UNASKED, axis=(1, 2, 3)))), 1),
+        "questions": {name: questions_asked(of_all[1]) for name, of_all in answers.items()},
+        "right": {name: answered_rightly(of_all[1], right[1]) for name, of_all in answers.items()},
         "obstacles": {},
     }
     for name, each in known.items():
-        results["obstacles"][name] = {
-            who: obstacles(each, truth, attacker, seed) for who, attacker in ATTACKERS.items()
-        }
-        console.print(name, {who: found["exact"] for who, found in results["obstacles"][name].items()})
+        found = {who: obstacles(each, truth, attacker, seed) for who, attacker in ATTACKERS.items()}
+        results["obstacles"][name] = found
+        console.print("obstacles", name, {who: of_one["exact"] for who, of_one in found.items()})
     for name in ("shape", "colour"):
-        some = {what: known[what] for what in ("answers", "camera features")}
-        results[name] = properties(some, (environments, others), name, seed)
+        results[name] = properties(known, (environments, others), name, seed)
         console.print(name, results[name])
     seconds["attack"] = time.perf_counter() - began - seconds["ask"]
     return results, seconds
