@@ -13,4 +13,6 @@
 - `pictures`: of a sweep.
 - `sweep`: variants and numbers of parties, in one table and one picture.
 - `primitives`: rounds, bytes and error of each primitive, for docs/primitives.md.
+- `paper`: every table and figure of the paper at its full size, a script each.
+- `report`: all results beside the paper's, on one page and as the README's tables.
 """
