@@ -11,16 +11,16 @@ The packages in import order; each imports only from those above it.
 - `experiments`: measurements: speed, beside what the machine can do and beside other frameworks.
 - `cli`: the command line `ciphernav`.
 
-Importing the package registers the gymnasium environment, switches JAX's 64-bit types on and gives JAX a
-folder for its compilation cache (`compilation_cache`). The names of the public face are imported on first
-use, so that the processes that render Obstacle World never load JAX.
+Importing the package registers the gymnasium environment, switches JAX's 64-bit types on, gives JAX a
+folder for its compilation cache (`compilation_cache`) and has it use wide vectors (`vectors`). The names of
+the public face are imported on first use, so that the processes that render Obstacle World never load JAX.
 """
 
 import importlib
 import os
 import sys
 
-from ciphernav_jax import allocator, compilation_cache, world  # noqa: F401  (world registers the gymnasium environment)
+from ciphernav_jax import allocator, compilation_cache, vectors, world  # noqa: F401  (world registers the gymnasium environment)
 
 __version__ = "0.1.0"
 
@@ -32,6 +32,7 @@ else:
 
 allocator.keep_large_buffers()
 compilation_cache.switch_on()
+vectors.prefer_widest()
 
 _HOME = {
     "LAN": "secret",

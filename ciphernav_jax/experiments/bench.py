@@ -228,7 +228,7 @@ def markdown(document: dict[str, Any]) -> str:
     machine, versions = document["machine"], document["versions"]
     text = (
         f"{machine['cpus']} cores of {machine['processor']}, jax {versions['jax']}; "
-        f"raw rates {document['rates']['multiply_adds'] / 1e9:.0f} G float64 multiply-adds and "
+        f"raw rates {document['rates']['multiply_adds'] / 1e9:.0f} G uint64 multiply-adds and "
         f"{document['rates']['random_bytes'] / 1e9:.1f} GB of random words a second.\n\n"
     )
     titles = document["titles"]

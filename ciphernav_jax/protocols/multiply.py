@@ -62,11 +62,8 @@ def dot_general(
     """
     (a,), (b,) = x.terms, y.terms
     product = dealer.take(DotProduct(a.ref, b.ref, dimension_numbers))["product"]
-    return (
-        ring.dot_general(x.public, b.share + from_party_zero(y.public), dimension_numbers)
-        + ring.dot_general(a.share, y.public, dimension_numbers)
-        + product
-    )
+    product = ring.dot_general(x.public, b.share + from_party_zero(y.public), dimension_numbers, plus=product)
+    return ring.dot_general(a.share, y.public, dimension_numbers, plus=product)
 
 
 @labelled

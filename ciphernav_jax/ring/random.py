@@ -113,11 +113,11 @@ def _kept(pairs: Callable[[Array], list[Halves]], count: int) -> list[UInt64[Arr
     """`pairs` of the numbers 0 ... count - 1, joined to uint64 words, low half first; computed once.
 
     XLA's CPU backend fuses a generator into, and so runs it again for, each use of its words, unless these
-    are the result of a loop. So they are the result of a loop of one step; what its number of steps is,
-    `optimization_barrier` hides from the compiler, which would unroll it. (A `scan` would keep the words too,
-    but XLA writes its outputs on one core.)
+    are the result of a branch. So they are the result of the branch that is always taken, which
+    `optimization_barrier` hides from the compiler. (A loop would keep the words too, but starts from zeros
+    that must be written first.)
 
-    The two halves of a word leave the loop as a complex number, of which nothing but the bits matters.
+    The two halves of a word leave the branch as a complex number, of which nothing but the bits matters.
     A fusion has one result, so two halves would take two runs of the generator; and joined to a uint64
     inside, they would make XLA compute with half as many uint32 lanes as a vector register has.
     """
@@ -125,16 +125,14 @@ def _kept(pairs: Callable[[Array], list[Halves]], count: int) -> list[UInt64[Arr
     # XLA vectorises a loop over an odd number of words badly: five times slower.
     padded = -(-count // ROUND) * ROUND
 
-    def step(state):
-        i, _ = state
-        # Inside the loop and dependent on it: not hoisted out of it.
-        numbers = lax.iota(jnp.uint32, padded) + i
-        return i + np.uint32(1), [lax.complex(_as_float(a), _as_float(b)) for a, b in pairs(numbers)]
+    def drawn():
+        numbers = lax.iota(jnp.uint32, padded)
+        return [lax.complex(_as_float(a), _as_float(b)) for a, b in pairs(numbers)]
 
-    results = jax.eval_shape(step, (jnp.uint32(0), None))[1]
-    empty = [jnp.zeros(padded, result.dtype) for result in results]
-    start = lax.optimization_barrier(jnp.uint32(0))
-    _, kept = lax.while_loop(lambda state: state[0] < 1, step, (start, empty))
+    def empty():
+        return [jnp.zeros(result.shape, result.dtype) for result in jax.eval_shape(drawn)]
+
+    kept = lax.cond(lax.optimization_barrier(True), drawn, empty)
     kept = [lax.slice(z, (0,), (count,)) for z in kept]
     return [_as_word(lax.real(z)) | _as_word(lax.imag(z)) << np.uint64(32) for z in kept]
 

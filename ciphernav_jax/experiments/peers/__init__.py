@@ -190,7 +190,7 @@ def arrays(work: Work) -> dict[str, Any]:
 
 def _environment() -> dict[str, str]:
     # Not our Python's path nor our settings of JAX: a peer sees its own packages only, as installed.
-    ours = ("PYTHONPATH", "PYTHONHOME", "JAX_ENABLE_X64", "JAX_COMPILATION_CACHE_DIR")
+    ours = ("PYTHONPATH", "PYTHONHOME", "JAX_ENABLE_X64", "JAX_COMPILATION_CACHE_DIR", "XLA_FLAGS")
     return {name: value for name, value in os.environ.items() if name not in ours}
 
 

@@ -1,0 +1,57 @@
+"""The option reaches XLA. In processes of their own: XLA reads it once."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CPU = Path("/proc/cpuinfo")
+
+SHOW = "import os; print(os.environ['XLA_FLAGS'])"
+# The instructions of a product of words, as XLA's compiler leaves them.
+PRODUCT = """
+import sys, pathlib, ciphernav_jax, jax, jax.numpy as jnp
+from ciphernav_jax import ring
+words = jnp.ones((64, 64), jnp.uint64)
+jax.jit(ring.matmul)(words, words).block_until_ready()
+paths = pathlib.Path(sys.argv[1]).glob("*matmul*multiply_add*with-opt.ll")
+code = "".join(path.read_text() for path in paths)
+print("mul <8 x i64>" in code, "mul <4 x i64>" in code)
+"""
+
+
+def prints(code, *arguments, **environment):
+    clean = {name: value for name, value in os.environ.items() if name not in ("XLA_FLAGS",)}
+    clean["JAX_COMPILATION_CACHE_DIR"] = ""
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        env=clean | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+def test_other_flags_are_kept_and_a_chosen_width_holds():
+    code = "import ciphernav_jax;" + SHOW
+    assert prints(code) == "--xla_cpu_prefer_vector_width=512"
+    assert prints(code, XLA_FLAGS="--xla_a=1") == "--xla_a=1 --xla_cpu_prefer_vector_width=512"
+    chosen = "--xla_cpu_prefer_vector_width=256"
+    assert prints(code, XLA_FLAGS=chosen) == chosen
+
+
+@pytest.mark.skipif(
+    not CPU.exists() or "avx512dq" not in CPU.read_text(),
+    reason="needs a processor with 512-bit products of words",
+)
+def test_products_of_words_are_compiled_to_wide_vectors(tmp_path):
+    for name, flags, widths in (
+        ("wide", "", "True False"),
+        ("narrow", " --xla_cpu_prefer_vector_width=256", "False True"),
+    ):
+        dump = tmp_path / name
+        flags = f"--xla_dump_to={dump} --xla_dump_hlo_as_text" + flags
+        assert prints(PRODUCT, str(dump), XLA_FLAGS=flags) == widths
