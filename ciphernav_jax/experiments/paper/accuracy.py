@@ -3,9 +3,9 @@
 The paper, overall: random 29.9 %, map only 74.0, first person 72.0, with deterministic start 88.8, plaintext
 with cameras 97.1, 2 parties 96.6, 5 parties 96.9.
 
-    python -m ciphernav_jax.experiments.paper.accuracy                     # about 75 minutes on two cores
+    python -m ciphernav_jax.experiments.paper.accuracy                     # about 45 minutes on two cores
     python -m ciphernav_jax.experiments.paper.accuracy --rows plaintext    # 4 minutes a seed
-    python -m ciphernav_jax.experiments.paper.accuracy --rows secret-2     # 3 minutes a seed, secret-5: 7
+    python -m ciphernav_jax.experiments.paper.accuracy --rows secret-2     # 2 minutes a seed, secret-5: 3
     python -m ciphernav_jax.experiments.paper.accuracy --rows secret-3 secret-9 secret-16 --seeds 0    # 40
 
 Recipes were chosen on two validation sets, one of them without layouts-with-obstacles of training. What
