@@ -7,19 +7,21 @@ can do no better than that (its view of the world never changes), whereas eyes s
     python -m ciphernav_jax.experiments.paper.bounds             # half a minute
 
 Exact: all layouts, obstacle cells, goals and start headings, weighted by their probability, half of them with
-a detour. Nothing is trained and nothing drawn, so there is one file, RESULTS/bounds.json.
+a detour. "test": as the independent test set draws them; "unseen": without the pairs of layout and obstacle
+cells that occur in the training set, on which a plan thus knows more beforehand. Nothing is trained, so there
+is one file, RESULTS/bounds.json.
 """
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Sequence
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 import tyro
 
-from ciphernav_jax.experiments.paper.runs import Options, console
+from ciphernav_jax.experiments.paper.runs import Options, console, world
 from ciphernav_jax.navigation import record
 from ciphernav_jax.navigation.storage import write_json
 from ciphernav_jax.world import planner
@@ -33,7 +35,7 @@ from ciphernav_jax.world.grid import (
     STEP_TABLE,
     WALLS,
 )
-from ciphernav_jax.world.scenario import COUNT_PROBABILITIES, OBSTACLE_CELLS, START_HEADINGS
+from ciphernav_jax.world.scenario import COUNT_PROBABILITIES, OBSTACLE_CELLS, START_HEADINGS, key
 
 TOP_LANE = tuple(range(1, SIDE))
 LEFT_LANE = tuple(range(SIDE, CELLS, SIDE))
@@ -42,8 +44,11 @@ Case = tuple[int, int, int, frozenset[int], bool, float]
 """Layout, goal, start heading, obstacle cells, whether a detour is needed, probability."""
 
 
-def cases() -> Iterator[Case]:
-    """Every scenario without its pixels; the probabilities of either half add up to 1/2."""
+def cases(seen: Container[tuple[int, int]] = ()) -> list[Case]:
+    """Every scenario without its pixels; the probabilities of either half add up to 1/2.
+
+    `seen` are pairs of layout and obstacle cells that do not come up (`scenario.key`).
+    """
     found = []
     for layout, walls in enumerate(WALLS):
         direct = planner.paths(walls)
@@ -52,19 +57,22 @@ def cases() -> Iterator[Case]:
             for cells in placed:
                 obstacles = np.zeros(CELLS, bool)
                 obstacles[list(cells)] = True
+                if key(layout, obstacles) in seen:
+                    continue
                 paths = planner.paths(walls | obstacles)
                 if len(paths) < 2:
-                    continue  # drawn anew
+                    continue
                 weight = LAYOUT_PROBABILITIES[layout] * probability / len(placed) / len(paths)
                 found += [
                     (layout, goal, frozenset(cells), path != direct[goal], weight)
                     for goal, path in paths.items()
                 ]
     halves = [sum(case[-1] for case in found if case[3] == detour) for detour in (False, True)]
-    for *case, detour, weight in found:
-        for heading in START_HEADINGS:
-            layout, goal, cells = case
-            yield layout, goal, heading, cells, detour, weight / halves[detour] / 2 / len(START_HEADINGS)
+    return [
+        (layout, goal, heading, cells, detour, weight / halves[detour] / 2 / len(START_HEADINGS))
+        for layout, goal, cells, detour, weight in found
+        for heading in START_HEADINGS
+    ]
 
 
 def plans(layout: int, goal: int) -> list[frozenset[int]]:
@@ -83,10 +91,10 @@ def plans(layout: int, goal: int) -> list[frozenset[int]]:
     return [cells for cells in found if not any(other < cells for other in found)]
 
 
-def best(known: Callable[[Case], Any]) -> dict[str, float]:
+def best(cases: Sequence[Case], known: Callable[[Case], Any]) -> dict[str, float]:
     """The accuracy in percent of the best plan for what is `known` of a case besides layout and goal."""
     groups = defaultdict(list)
-    for case in cases():
+    for case in cases:
         groups[case[0], case[1], known(case)].append(case)
     won = {True: 0.0, False: 0.0}
     paths: dict[tuple[int, int], list[frozenset[int]]] = {}
@@ -125,15 +133,21 @@ def main() -> None:
     """Compute all bounds, print and write them."""
     args = tyro.cli(Options, description=__doc__)
     began = time.perf_counter()
-    results = {name: best(known) for name, known in KNOWN.items()}
-    for name, accuracy in results.items():
-        console.print(f"{name}: " + ", ".join(f"{half} {value:.2f} %" for half, value in accuracy.items()))
+    drawn = {"test": cases(), "unseen": cases(world("train", args.out).pairs())}
+    results = {
+        name: {test_set: best(of_set, known) for test_set, of_set in drawn.items()}
+        for name, known in KNOWN.items()
+    }
+    for name, sets in results.items():
+        for test_set, accuracy in sets.items():
+            numbers = ", ".join(f"{half} {value:.2f} %" for half, value in accuracy.items())
+            console.print(f"{name}, {test_set}: {numbers}")
     document = {
         "versions": record.versions(),
         "machine": record.machine(),
         "at": record.now(),
         "seconds": time.perf_counter() - began,
-        "scenarios": sum(1 for _ in cases()) // len(START_HEADINGS),
+        "scenarios": {name: len(of_set) // len(START_HEADINGS) for name, of_set in drawn.items()},
         "results": results,
     }
     write_json(args.results / "bounds.json", document)
