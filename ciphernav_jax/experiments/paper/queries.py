@@ -3,7 +3,7 @@
 The paper has no number; it argues that a robot that asks for the way to every goal learns at most where
 obstacles are.
 
-    python -m ciphernav_jax.experiments.paper.queries      # 5 minutes a seed on two cores
+    python -m ciphernav_jax.experiments.paper.queries      # 5 to 10 minutes a seed on two cores
 
 The robot is honest but curious: it asks for the best action again and again, and collects the answers.
 Attackers (`attack`) learn from the layout and from:
