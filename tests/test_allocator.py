@@ -2,10 +2,10 @@
 
 import json
 import os
-import subprocess
-import sys
 
 import pytest
+
+from tests.fresh import printed
 
 PROGRAM = """
 import json, resource, jax, jax.numpy as jnp
@@ -24,16 +24,7 @@ on_glibc = pytest.mark.skipif("CS_GNU_LIBC_VERSION" not in os.confstr_names, rea
 
 
 def faults(ours: bool, **variables: str) -> float:
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("MALLOC_", "GLIBC_TUNABLES"))}
-    program = PROGRAM.format(ours=ours)
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env=environment | variables,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return json.loads(done.stdout)
+    return json.loads(printed(PROGRAM.format(ours=ours), without=("MALLOC_", "GLIBC_TUNABLES"), **variables))
 
 
 @pytest.mark.skipif(

@@ -1,8 +1,8 @@
 import os
-import subprocess
-import sys
 
 import pytest
+
+from tests.fresh import printed
 
 VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 SHOW = "import jax; print(jax.config.jax_compilation_cache_dir or 'off')"
@@ -11,15 +11,7 @@ IMPORTED = "import ciphernav_jax;"
 
 def says(code, **environment):
     """What fresh Python prints, without a cache named by whoever runs the tests."""
-    clean = {name: value for name, value in os.environ.items() if name != VARIABLE}
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        env=clean | environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout.strip()
+    return printed(code, without=VARIABLE, **environment)
 
 
 @pytest.mark.parametrize("code", [IMPORTED + SHOW, "import jax;" + IMPORTED + SHOW])

@@ -1,11 +1,10 @@
 """The option reaches XLA. In processes of their own: XLA reads it once."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.fresh import printed
 
 CPU = Path("/proc/cpuinfo")
 
@@ -23,16 +22,7 @@ print("mul <8 x i64>" in code, "mul <4 x i64>" in code)
 
 
 def prints(code, *arguments, **environment):
-    clean = {name: value for name, value in os.environ.items() if name not in ("XLA_FLAGS",)}
-    clean["JAX_COMPILATION_CACHE_DIR"] = ""
-    done = subprocess.run(
-        [sys.executable, "-c", code, *arguments],
-        env=clean | environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout.strip()
+    return printed(code, *arguments, without="XLA_FLAGS", JAX_COMPILATION_CACHE_DIR="", **environment)
 
 
 def test_other_flags_are_kept_and_a_chosen_width_holds():

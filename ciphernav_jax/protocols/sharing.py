@@ -4,6 +4,9 @@
 - by exclusive or: x = x_0 ^ ... ^ x_{P-1}, for bits.
 """
 
+import functools
+
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 from jaxtyping import UInt64
@@ -51,6 +54,8 @@ def wraps(shares: UInt64[Array, "p ..."]) -> UInt64[Array, "..."]:
     return count
 
 
+# Compiled: op by op, each intermediate array would be as large as all shares together.
+@functools.partial(jax.jit, static_argnames="parties")
 def share_ring(key: Array, x: UInt64[Array, "..."], parties: int) -> UInt64[Array, "p ..."]:
     """Fresh additive shares of ring elements for `parties` >= 2 parties, from `key` alone."""
     require_parties(parties)

@@ -141,11 +141,7 @@ def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> S
     else:
         frac_bits = 0
     encoded = ring.encode(values, frac_bits)
-    return Secret(_share_ring(key, encoded, parties), frac_bits, dtype, encoded.ndim)
-
-
-# Compiled: op by op, each intermediate array would be as large as all shares together.
-_share_ring = jax.jit(sharing.share_ring, static_argnums=2)
+    return Secret(sharing.share_ring(key, encoded, parties), frac_bits, dtype, encoded.ndim)
 
 
 def reveal(x: Any) -> Any:

@@ -34,7 +34,7 @@ def test_knowing_all_is_enough_and_knowing_the_map_is_not(cases):
 
 
 def test_seen_pairs_do_not_come_up_and_can_be_ruled_out(cases):
-    # All scenarios of the ring with an obstacle beside the start, on the way that the others take.
+    # Of the ring no scenario is left but those with one obstacle, beside the start.
     ring = [case for case in cases if case[0] == RING]
     blocked = frozenset([1])
     seen = {(RING, sum(1 << cell for cell in case[3])) for case in ring if case[3] != blocked}

@@ -1,5 +1,7 @@
 """Tables of attacks."""
 
+from collections.abc import Callable
+
 from ciphernav_jax.experiments.report.results import Document, Results, spread
 from ciphernav_jax.experiments.report.table import OVER_SEEDS, Table, script
 from ciphernav_jax.navigation import paper
@@ -49,17 +51,19 @@ def queries(results: Results) -> Table:
     """What all answers together tell about obstacles."""
     documents = results.others.get("queries", [])
     obstacles = documents[0]["results"]["obstacles"] if documents else {}
+
+    def cell(value: Callable[[Document], float]) -> str:
+        return spread(documents, lambda document: value(document["results"])).text(1)
+
     rows = [
         (
             known.capitalize(),
             *(
-                spread(documents, lambda d, k=known, m=measure: _best(d["results"]["obstacles"][k], m)).text(
-                    1
-                )
+                cell(lambda found, k=known, m=measure: _best(found["obstacles"][k], m))
                 for measure in ("balanced", "auc", "exact")
             ),
             *(
-                spread(documents, lambda d, k=known, p=prop: _best(d["results"][p][k])).text(1)
+                cell(lambda found, k=known, p=prop: _best(found[p][k]))
                 if known in documents[0]["results"][prop]
                 else ""
                 for prop in ("shape", "colour")
@@ -69,8 +73,7 @@ def queries(results: Results) -> Table:
     ]
     if rows:
         usual = (
-            spread(documents, lambda d, p=prop: d["results"][p]["most frequent"]["accuracy"]).text(1)
-            for prop in ("shape", "colour")
+            cell(lambda found, p=prop: found[p]["most frequent"]["accuracy"]) for prop in ("shape", "colour")
         )
         rows.append(("Always the most frequent", "", "", "", *usual))
     return Table(
