@@ -252,5 +252,9 @@ def share_training_data(key: jax.Array, data: tuple, parties: int, protocol: Pro
 def _batch_rows(step: int, count: int, batch: int, seed: int) -> NDArray[np.int64]:
     # Public: each epoch is a permutation of the samples, cut into batches, the remainder left out.
     epoch, place = divmod(step, max(1, count // batch))
-    order = np.random.default_rng([seed, epoch]).permutation(count)
-    return np.resize(order, max(count, batch))[place * batch : (place + 1) * batch]
+    return _order(epoch, count, seed)[np.arange(place * batch, (place + 1) * batch) % count]
+
+
+@functools.lru_cache(maxsize=1)  # to permute all samples anew would take half as long as a secret step
+def _order(epoch: int, count: int, seed: int) -> NDArray[np.int64]:
+    return np.random.default_rng([seed, epoch]).permutation(count)
