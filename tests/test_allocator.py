@@ -1,5 +1,6 @@
 """A buffer that XLA frees is there the next time. In processes of their own: the setting is the process's."""
 
+import functools
 import json
 import os
 
@@ -20,22 +21,21 @@ for _ in range(4):
     f(1.0).block_until_ready()
 print(json.dumps((resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) / 4))
 """
-on_glibc = pytest.mark.skipif("CS_GNU_LIBC_VERSION" not in os.confstr_names, reason="glibc's allocator")
+on_glibc = pytest.mark.skipif(
+    "CS_GNU_LIBC_VERSION" not in getattr(os, "confstr_names", ()), reason="glibc's allocator"
+)
 
 
+@functools.cache
 def faults(ours: bool, **variables: str) -> float:
     return json.loads(printed(PROGRAM.format(ours=ours), without=("MALLOC_", "GLIBC_TUNABLES"), **variables))
 
 
-@pytest.mark.skipif(
-    not hasattr(os, "confstr") or "CS_GNU_LIBC_VERSION" not in os.confstr_names, reason="glibc"
-)
+@on_glibc
 def test_large_buffers_are_not_faulted_in_again():
     assert faults(ours=True) < faults(ours=False) / 4
 
 
-@pytest.mark.skipif(
-    not hasattr(os, "confstr") or "CS_GNU_LIBC_VERSION" not in os.confstr_names, reason="glibc"
-)
+@on_glibc
 def test_what_the_environment_says_of_the_allocator_holds():
     assert faults(ours=True, MALLOC_ARENA_TEST="8") > 4 * faults(ours=True)

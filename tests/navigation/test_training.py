@@ -175,7 +175,7 @@ def test_the_loss_of_lanes_teaches_the_encoder_what_is_in_them(world, tmp_path):
 
 
 def test_a_variant_is_trained_and_driven_by(world, teacher, tmp_path):
-    protocol = cn.Protocol(frac_bits=18, truncation="nearest", opened="logits")
+    protocol = cn.Protocol(frac_bits=18, truncation="local", opened="logits")
     model = trained.train_classifier(world, teacher, FRESH, 0, tmp_path, silent, 2, protocol)
     config, loaded = trained.load(tmp_path)
     assert cn.Protocol(**config["protocol"]) == protocol

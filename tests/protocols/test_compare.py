@@ -62,8 +62,10 @@ REDUCED += [(30, "masked", "words", "carry-tree"), (30, "resharing", "sliced", "
 REDUCED += [(12, "masked", "words", "ripple"), (12, "resharing", "sliced", "ripple")]
 
 
-@pytest.mark.parametrize(("sign_bit", "variant", "layout", "adder"), REDUCED)
-@pytest.mark.parametrize("parties", [2, 3])
+REDUCED = [(*reduced, 2 + n % 2) for n, reduced in enumerate(REDUCED)]
+
+
+@pytest.mark.parametrize(("sign_bit", "variant", "layout", "adder", "parties"), REDUCED)
 def test_a_reduced_range_gives_the_sign_of_what_lies_in_it_and_not_of_what_lies_beyond(
     sign_bit, variant, layout, adder, parties
 ):
@@ -103,7 +105,7 @@ def borrows(width, adder, pairs):
     return program
 
 
-@pytest.mark.parametrize("width", [2, 3, 20, 63, 64])
+@pytest.mark.parametrize("width", [2, 3, 20, 63])
 @pytest.mark.parametrize(
     ("adder", "pairs"), [("carry-tree", True), ("carry-tree", False), ("brent-kung", False)]
 )
