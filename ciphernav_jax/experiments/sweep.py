@@ -171,26 +171,17 @@ def _row(result: dict[str, Any]) -> Cells:
     )
 
 
-def markdown(document: dict[str, Any], parties: Sequence[int] = (2, 5)) -> str:
-    """A few columns for a few numbers of parties, and what they were measured on."""
+def markdown(document: dict[str, Any]) -> str:
+    """A few columns of everything, and what it was measured on."""
     machine, versions = document["machine"], document["versions"]
     effort = document["configuration"]["effort"]
-    shown = tables.markdown(SHORT_HEADER, short_rows(document, parties))
+    results = sorted(document["results"], key=lambda result: result["parties"])
+    shown = tables.markdown(SHORT_HEADER, [_short_row(result) for result in results])
     return (
         f"{machine['cpus']} cores of {machine['processor']}, jax {versions['jax']}. A training step with "
         f"batch {effort['sizes']['train']}, a forward pass with batch {effort['sizes']['forward']}; the "
         f"loss after {effort['steps']} steps.\n\n{shown}\n\n{NOTE}\n"
     )
-
-
-def short_rows(document: dict[str, Any], parties: Sequence[int] = (2, 5)) -> list[Cells]:
-    """The cells of a few columns as text, see `SHORT_HEADER`, for a few numbers of parties."""
-    return [
-        _short_row(result)
-        for count in parties
-        for result in document["results"]
-        if result["parties"] == count
-    ]
 
 
 def _short_row(result: dict[str, Any]) -> Cells:
