@@ -175,13 +175,17 @@ def markdown(document: dict[str, Any]) -> str:
     """A few columns of everything, and what it was measured on."""
     machine, versions = document["machine"], document["versions"]
     effort = document["configuration"]["effort"]
-    results = sorted(document["results"], key=lambda result: result["parties"])
-    shown = tables.markdown(SHORT_HEADER, [_short_row(result) for result in results])
+    shown = tables.markdown(SHORT_HEADER, short_rows(document))
     return (
         f"{machine['cpus']} cores of {machine['processor']}, jax {versions['jax']}. A training step with "
         f"batch {effort['sizes']['train']}, a forward pass with batch {effort['sizes']['forward']}; the "
         f"loss after {effort['steps']} steps.\n\n{shown}\n\n{NOTE}\n"
     )
+
+
+def short_rows(document: dict[str, Any]) -> list[Cells]:
+    """The cells of a few columns as text, see `SHORT_HEADER`; by the number of parties."""
+    return [_short_row(result) for result in sorted(document["results"], key=lambda r: r["parties"])]
 
 
 def _short_row(result: dict[str, Any]) -> Cells:

@@ -171,7 +171,12 @@ def test_accuracy_stands_beside_the_papers(loaded):
     assert (cells["overall: paper"], cells["overall: ours"]) == ("74.0", "80.00 ± 5.00")
     assert row(table, "16 parties, cameras")["seeds"] == "one"
     assert row(table, "16 parties, cameras")["detour: ours"] == "80.00"
-    assert table.rows[-1][0] == "2 parties, beyond the paper"
+    assert [cells[0] for cells in table.rows[-2:]] == [
+        "Paper's recipe, 500 samples a step",
+        "2 parties, beyond the paper",
+    ]
+    assert "SGD" in table.note
+    assert "trained for longer" in table.note
     assert driving.accuracy(loaded, "unseen").header == ("method", "seeds", "detour", "no detour", "overall")
 
 

@@ -174,7 +174,7 @@ IN_ONE_VARIANT = {
     ),
     *("largest", "smallest product", "arg min", "gradient of abs", "gradient of maximum", "gradient of clip"),
 }
-# Other variants and numbers of parties: test_variants.py. With local truncation, what truncates without signs.
+# Others, and more parties: test_variants.py. With local truncation, what truncates and has no signs.
 VARIANTS = [(3, "probabilistic"), (2, "local")]
 CASES = [
     (name, *variant)

@@ -4,10 +4,10 @@ The paper: 600 epochs with batch 500 end at 96.6 % (2 parties), 96.9 % (5 partie
 batch can be read in two ways: 500 samples, 127,000 steps, or 500 environments, 18,000 steps of about 3,500
 samples.
 
-    python -m ciphernav_jax.experiments.paper.paper_recipe       # about 20 minutes on two cores
+    python -m ciphernav_jax.experiments.paper.paper_recipe       # about 10 minutes on two cores
 
 Both readings run whole in plaintext; under secret sharing, two parties, the first reading's first 6,360
-steps: all of them would take an hour and a half. The encoders are those of the row `plaintext`.
+steps: all of them would take the better part of an hour. The encoders are those of the row `plaintext`.
 """
 
 from ciphernav_jax.experiments.paper.accuracy import PLAINTEXT

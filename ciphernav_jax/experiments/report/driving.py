@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 from ciphernav_jax.experiments.report.results import Results, seeds, spread
 from ciphernav_jax.experiments.report.table import (
-    BEYOND,
+    FURTHER,
     OVER_SEEDS,
     ROWS,
     SETS,
@@ -24,10 +24,6 @@ ABOUT = {
     "unseen": "No environment has both its walls and its obstacle cells in common with one in training; the "
     "paper has no such set.",
 }
-ABOUT_BEYOND = (
-    " Beyond the paper: trained for longer, and the robot uses the map and where it has been "
-    "(`ciphernav_jax.experiments.paper.beyond`)."
-)
 
 
 def accuracy(results: Results, test_set: str) -> Table:
@@ -37,7 +33,7 @@ def accuracy(results: Results, test_set: str) -> Table:
         f"accuracy-{test_set}",
         f"Accuracy in percent, {SETS[test_set]}",
         *_beside(results, test_set, _share("success", "trials"), printed),
-        f"{OVER_SEEDS}; *overall* from the counts. {ABOUT[test_set]}{ABOUT_BEYOND * bool(_beyond(results))}",
+        " ".join([f"{OVER_SEEDS}; *overall* from the counts.", ABOUT[test_set], *_about_further(results)]),
         made_by(results, ROWS),
     )
 
@@ -103,8 +99,12 @@ def bounds(results: Results) -> Table:
     )
 
 
-def _beyond(results: Results) -> list[str]:
-    return sorted(name for name in results.runs if name.startswith(BEYOND))
+def _further(results: Results) -> list[str]:
+    return [name for start in FURTHER for name in sorted(results.runs) if name.startswith(start)]
+
+
+def _about_further(results: Results) -> list[str]:
+    return [about for start, about in FURTHER.items() if any(name.startswith(start) for name in results.runs)]
 
 
 def _share(part: str, whole: str) -> Callable[[metrics.Counts, str], float]:
@@ -132,7 +132,7 @@ def _beside(
     for column in columns:
         word = column.removeprefix("crash_").replace("_", " ")
         header += [f"{word}: paper", f"{word}: ours"] if theirs else [word]
-    for name in [*names, *(_beyond(results) if names == ROWS else ())]:
+    for name in [*names, *(_further(results) if names == ROWS else ())]:
         if documents := results.runs.get(name):
             cells = []
             for column in columns:

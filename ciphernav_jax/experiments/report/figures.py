@@ -178,7 +178,7 @@ def _curves(results: Results, names: list[str], *, log_steps: bool = False) -> F
 
 
 def _legend(figure: Figure, columns: int) -> Figure:
-    figure.legend(frameon=False, loc="outside lower center", ncols=columns, fontsize=8.5, handletextpad=0.4)
+    figure.legend(frameon=False, loc="outside lower center", ncols=columns, fontsize=8, handletextpad=0.4)
     return figure
 
 

@@ -20,8 +20,14 @@ ROWS = (
     "plaintext-classifier",
     *ONE_SEED,
 )
-"""Of the tables of navigation, in their order; rows that begin with `BEYOND` follow."""
-BEYOND = "beyond"
+"""Of the tables of navigation, in their order."""
+FURTHER = {
+    "paper-recipe": "The paper's recipe: SGD with a learning rate of 0.01 on the squared loss, its batch "
+    "read in two ways; in secret only its first steps (`ciphernav_jax.experiments.paper.paper_recipe`).",
+    "beyond": "Beyond the paper: trained for longer, and the robot uses the map and where it has been "
+    "(`ciphernav_jax.experiments.paper.beyond`).",
+}
+"""Beginnings of the names of rows that follow these, and what to say of them."""
 CHEAP = ("secret-2", "secret-5", "fewest-2", "fewest-5")
 """Trainings whose cost must be known; that of all others with secrets is shown too."""
 SETS = {"test": "independent test set", "unseen": "unseen layouts"}
@@ -30,8 +36,8 @@ TITLES = {
     "beyond": "beyond the paper",
     "beyond-plaintext": "Plaintext, beyond the paper",
     "plaintext-actions-alone": "Plaintext, from actions alone",
-    "paper-recipe-samples": "Paper's recipe, batches of 500 samples",
-    "paper-recipe-environments": "Paper's recipe, batches of 500 environments",
+    "paper-recipe-samples": "Paper's recipe, 500 samples a step",
+    "paper-recipe-environments": "Paper's recipe, 500 environments a step",
     "paper-recipe-secret": "paper's recipe, begun",
 }
 SCRIPTS = {"fewest": "fewest_steps"}
