@@ -6,7 +6,7 @@ with cameras 97.1, 2 parties 96.6, 5 parties 96.9.
     python -m ciphernav_jax.experiments.paper.accuracy                     # about 45 minutes on two cores
     python -m ciphernav_jax.experiments.paper.accuracy --rows plaintext    # 4 minutes a seed
     python -m ciphernav_jax.experiments.paper.accuracy --rows secret-2     # 2 minutes a seed, secret-5: 3
-    python -m ciphernav_jax.experiments.paper.accuracy --rows secret-3 secret-9 secret-16 --seeds 0    # 30
+    python -m ciphernav_jax.experiments.paper.accuracy --rows secret-3 secret-9 secret-16 --seeds 0    # 20
 
 Recipes were chosen on two validation sets, one of them without layouts-with-obstacles of training. What
 differs from the paper's: encoders by AdamW on the cross-entropy, 24 epochs, which also learn what stands in

@@ -2,7 +2,7 @@
 
 The paper has 97.1 % in plaintext, 96.6 % with 2 parties, 96.9 % with 5; of 4,500 episodes 10 or 11 end lost.
 
-    python -m ciphernav_jax.experiments.paper.beyond             # a seed: 4 minutes, with 5 parties 19
+    python -m ciphernav_jax.experiments.paper.beyond             # a seed: 3 minutes, with 5 parties 19
 
 What is different from the rows of `accuracy`: the robot uses what it alone knows, the map, its place and
 goal, and where it has been (`navigation.rollout.careful`); and the classifier is trained for twice as many
