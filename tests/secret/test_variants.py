@@ -12,7 +12,7 @@ from typing import get_args
 import jax
 import jax.numpy as jnp
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import ciphernav_jax as cn
@@ -78,10 +78,10 @@ def evaluated(protocol, parties):
 
 
 def arrays(*shape):
-    """Multiples of 2^-6 up to 2 in magnitude; often 0, one unit, or the ends."""
-    grid = st.one_of(st.sampled_from([0, 1, -1, 128, -128]), st.integers(-128, 128))
+    """Multiples of 2^-20 up to 2 in magnitude; often 0, one unit, or the ends."""
+    fine = st.one_of(st.sampled_from([0, 1, -1, 2**21, -(2**21)]), st.integers(-(2**21), 2**21))
     size = int(np.prod(shape))
-    return st.lists(grid, min_size=size, max_size=size).map(lambda v: np.reshape(v, shape) / 64)
+    return st.lists(fine, min_size=size, max_size=size).map(lambda v: np.reshape(v, shape) / 2**20)
 
 
 # The error of one truncation, in units: at most the first times the number of parties plus the second.
@@ -97,14 +97,23 @@ ROUNDING = dict.fromkeys(TRUNCATIONS, (0, 1)) | {"wrap-count": (1, 0), "nearest"
     of_product=arrays(ROWS, INNER),
     seed=st.integers(0, 2**32 - 1),
 )
+@example(  # nothing is positive
+    x=np.zeros((ROWS, INNER)),
+    y=np.ones((ROWS, INNER)),
+    w=np.ones((INNER, COLUMNS)) / 4,
+    of_relu=np.ones((ROWS, COLUMNS)),
+    of_product=np.ones((ROWS, INNER)),
+    seed=0,
+)
 def test_a_combination_of_variants_computes_the_function_and_its_gradients(
     protocol, parties, x, y, w, of_relu, of_product, seed
 ):
-    w = np.round(w * 2.0**protocol.frac_bits) / 2.0**protocol.frac_bits
+    units = 2.0**protocol.frac_bits
+    x, y, w, of_relu, of_product = (np.round(v * units) / units for v in (x, y, w, of_relu, of_product))
     run = evaluated(protocol, parties)
     (relu, product), (of_x, of_y, of_w) = run(jax.random.key(seed), (x, y, w), of_relu, of_product)
     each, constant = ROUNDING[protocol.truncation]
-    error = (each * parties + constant) / 2.0**protocol.frac_bits
+    error = (each * parties + constant) / units
     z = x @ w
     # A local or wrap-count truncation may round what is positive to something at or below 0.
     assert np.all(np.abs(relu - np.maximum(z, 0)) <= error)
