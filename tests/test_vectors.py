@@ -9,15 +9,16 @@ from tests.fresh import printed
 CPU = Path("/proc/cpuinfo")
 
 SHOW = "import os; print(os.environ['XLA_FLAGS'])"
-# The instructions of a product of words, as XLA's compiler leaves them.
+# Whether a product multiplies 512 or 256 bits at a time: VPMULLQ, EVEX.66.0F38.W1 40 with L'L = 2 or 1.
 PRODUCT = """
-import sys, pathlib, ciphernav_jax, jax, jax.numpy as jnp
+import re, sys, pathlib, ciphernav_jax, jax, jax.numpy as jnp
 from ciphernav_jax import ring
 words = jnp.ones((64, 64), jnp.uint64)
 jax.jit(ring.matmul)(words, words).block_until_ready()
-paths = pathlib.Path(sys.argv[1]).glob("*matmul*multiply_add*with-opt.ll")
-code = "".join(path.read_text() for path in paths)
-print("mul <8 x i64>" in code, "mul <4 x i64>" in code)
+code = b"".join(path.read_bytes() for path in pathlib.Path(sys.argv[1]).glob("*matmul*.o"))
+found = re.findall(rb"(?s)\\x62(?=(.)(.)(.)\\x40)", code)
+lengths = {p2[0] >> 5 & 3 for p0, p1, p2 in found if p0[0] & 7 == 2 and p1[0] & 0x87 == 0x85}
+print(2 in lengths, 1 in lengths)
 """
 
 
