@@ -61,7 +61,8 @@ def pytest_generate_tests(metafunc):
 
 
 def function(x, y, w):
-    return jax.nn.relu(x @ w), x * y
+    z = x @ w
+    return jax.nn.relu(z), z > 0, x * y
 
 
 @cache
@@ -72,7 +73,8 @@ def evaluated(protocol, parties):
     @jax.jit
     def run(key, args, of_relu, of_product):
         results, pull = jax.vjp(partial(through, key), *args)
-        return results, pull((of_relu, of_product))
+        of_bits = np.zeros(results[1].shape, jax.dtypes.float0)
+        return results, pull((of_relu, of_bits, of_product))
 
     return run
 
@@ -111,10 +113,11 @@ def test_a_combination_of_variants_computes_the_function_and_its_gradients(
     units = 2.0**protocol.frac_bits
     x, y, w, of_relu, of_product = (np.round(v * units) / units for v in (x, y, w, of_relu, of_product))
     run = evaluated(protocol, parties)
-    (relu, product), (of_x, of_y, of_w) = run(jax.random.key(seed), (x, y, w), of_relu, of_product)
+    (relu, positive, product), (of_x, of_y, of_w) = run(jax.random.key(seed), (x, y, w), of_relu, of_product)
     each, constant = ROUNDING[protocol.truncation]
     error = (each * parties + constant) / units
     z = x @ w
+    np.testing.assert_array_equal(positive, z > 0)
     # A local or wrap-count truncation may round what is positive to something at or below 0.
     assert np.all(np.abs(relu - np.maximum(z, 0)) <= error)
     assert np.all(np.abs(product - x * y) <= error)

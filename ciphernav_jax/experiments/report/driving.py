@@ -1,6 +1,7 @@
 """Tables of how robots drive, beside the paper's."""
 
 from collections.abc import Callable, Mapping
+from itertools import chain
 
 from ciphernav_jax.experiments.report.results import Results, seeds, spread
 from ciphernav_jax.experiments.report.table import (
@@ -33,7 +34,7 @@ def accuracy(results: Results, test_set: str) -> Table:
         f"accuracy-{test_set}",
         f"Accuracy in percent, {SETS[test_set]}",
         *_beside(results, test_set, _share("success", "trials"), printed),
-        " ".join([f"{OVER_SEEDS}; *overall* from the counts.", ABOUT[test_set], *_about_further(results)]),
+        " ".join([f"{OVER_SEEDS}; *overall* from the counts.", ABOUT[test_set], *_further(results)]),
         made_by(results, ROWS),
     )
 
@@ -99,12 +100,13 @@ def bounds(results: Results) -> Table:
     )
 
 
-def _further(results: Results) -> list[str]:
-    return [name for start in FURTHER for name in sorted(results.runs) if name.startswith(start)]
-
-
-def _about_further(results: Results) -> list[str]:
-    return [about for start, about in FURTHER.items() if any(name.startswith(start) for name in results.runs)]
+def _further(results: Results) -> dict[str, list[str]]:
+    """The rows that follow `ROWS`, under what is to be said of them."""
+    found = {
+        about: sorted(name for name in results.runs if name.startswith(start))
+        for start, about in FURTHER.items()
+    }
+    return {about: names for about, names in found.items() if names}
 
 
 def _share(part: str, whole: str) -> Callable[[metrics.Counts, str], float]:
@@ -132,7 +134,7 @@ def _beside(
     for column in columns:
         word = column.removeprefix("crash_").replace("_", " ")
         header += [f"{word}: paper", f"{word}: ours"] if theirs else [word]
-    for name in [*names, *(_further(results) if names == ROWS else ())]:
+    for name in [*names, *(chain(*_further(results).values()) if names == ROWS else ())]:
         if documents := results.runs.get(name):
             cells = []
             for column in columns:
