@@ -5,6 +5,7 @@
 - `floor`: what a work needs at least, at rates measured on the spot.
 - `process`, `tables`: a process for each measurement; tables for a terminal and in Markdown, a bar.
 - `measure`: one work, one number of parties, one process.
+- `growth`: one work, all numbers of parties in turns, one process.
 - `peers`: other frameworks on the same work, each in a virtual environment of its own.
 - `bench`: all of it, in one table.
 - `failures`: how often a truncation fails.

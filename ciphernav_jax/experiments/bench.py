@@ -15,7 +15,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from ciphernav_jax.experiments import floor, measure, peers, process, tables
+from ciphernav_jax.experiments import floor, growth, measure, peers, process, tables
+from ciphernav_jax.experiments.growth import Turns
 from ciphernav_jax.experiments.measure import Order
 from ciphernav_jax.experiments.tables import ms
 from ciphernav_jax.experiments.work import Sizes, works
@@ -35,6 +36,8 @@ TARGETS = {
     ("product", 2): 0.015,
     ("product", 5): 0.040,
 }
+# The works whose growth with the parties is measured, in turns.
+GROWING = ("train", "train-loop")
 
 console = Console(highlight=False)
 
@@ -43,7 +46,6 @@ HEADER = (
     "P",
     "ms",
     "quartiles",
-    "ms / P",
     "target",
     "floor",
     "x",
@@ -53,11 +55,16 @@ HEADER = (
     "error",
 )
 NOTE = (
-    "Milliseconds of a call after warm-up, median; all parties and the dealer on one machine. ms / P: if it "
-    "does not rise, time grows no faster than the parties. Floor: the products' multiply-adds and the "
-    "dealer's random bytes at the machine's raw rates; x: ms by floor. Cold: tracing and compiling; warm: "
-    "the same with a filled compilation cache. MB: peak of the whole process. Error: the largest against "
-    "float64, as part of the largest value."
+    "Milliseconds of a call after warm-up, median; all parties and the dealer on one machine. Floor: the "
+    "products' multiply-adds and the dealer's random bytes at the machine's raw rates; x: ms by floor. Cold: "
+    "tracing and compiling; warm: the same with a filled compilation cache. MB: peak of the whole process. "
+    "Error: the largest against float64, as part of the largest value."
+)
+GROWTH_HEADER = ("work", "P", "ms / P", "quartiles", "growth", "quartiles", "of the floor")
+GROWTH_NOTE = (
+    "All numbers of parties in turns, in one process. Growth: the time for each party, as a multiple of that "
+    "with the fewest parties in the same round; 1 where time grows in proportion to the parties. Of the "
+    "floor: the same of the multiply-adds and random bytes that the work needs."
 )
 PEERS_NOTE = (
     "Milliseconds of a call, median, one framework after the other on the same machine; in brackets how many "
@@ -118,10 +125,12 @@ def run(
         "rates": {},
         "titles": {work.name: work.title for work in chosen},
         "results": [],
+        "growth": [],
         "peers": [],
     }
+    growing = [work.name for work in chosen if work.name in GROWING and len(parties) > 1]
     with tables.progress(console) as progress:
-        task = progress.add_task("", total=len(orders))
+        task = progress.add_task("", total=len(orders) + len(growing))
         for order in orders:
             progress.update(task, description=f"{order.work}, {order.parties} parties, {order.protocol}")
             document["results"].append(_measured(order))
@@ -130,7 +139,17 @@ def run(
             progress.advance(task)
             median = ms(document["results"][-1]["seconds"]["median"])
             console.print(f"  {order.work}, {order.parties} parties, {order.protocol}: {median} ms")
+        for name in growing:
+            progress.update(task, description=f"{name}, all numbers of parties in turns")
+            turns = Turns(name, tuple(sorted(parties)), protocol=protocols[0], sizes=sizes, seed=seed)
+            if repeat is not None:
+                turns = replace(turns, rounds=repeat)
+            document["growth"] += _grown(turns)
+            _compare(document, floor.rates())
+            progress.advance(task)
     console.print(table(document))
+    if growing:
+        console.print(growth_table(document))
 
     if with_peers:
         of_peers = [work for work in chosen if work.steps == 1]
@@ -151,6 +170,8 @@ def _compare(document: dict[str, Any], rates: dict[str, float]) -> None:
     for result in document["results"]:
         result["floor_s"] = floor.seconds(result["needs"], best)
         result["times_floor"] = result["seconds"]["median"] / result["floor_s"]
+    for result in document["growth"]:
+        result["floor_s"] = floor.seconds(result["needs"], best)
 
 
 def _measured(order: Order) -> dict[str, Any]:
@@ -169,6 +190,11 @@ def _measured(order: Order) -> dict[str, Any]:
     }
 
 
+def _grown(turns: Turns) -> list[dict[str, Any]]:
+    found = process.run(growth, turns.as_json(), f"{turns.work} with {turns.parties} parties in turns")
+    return [{"work": turns.work, **result, "at": record.now()} for result in found["results"]]
+
+
 def rows(document: dict[str, Any], titles: dict[str, str]) -> list[tuple[str, ...]]:
     """The cells of our own table as text, see `HEADER`; `titles` says what to call each work."""
     several = len({result["protocol"] for result in document["results"]}) > 1
@@ -182,7 +208,6 @@ def _row(result: dict[str, Any], title: str, several: bool) -> tuple[str, ...]:
         str(result["parties"]),
         ms(times["median"]),
         f"{ms(times['q1'])}-{ms(times['q3'])}",
-        ms(times["median"] / result["parties"]),
         "" if target is None else ms(target),
         ms(result["floor_s"]),
         f"{result['times_floor']:.1f}",
@@ -191,6 +216,27 @@ def _row(result: dict[str, Any], title: str, several: bool) -> tuple[str, ...]:
         f"{result['peak_bytes'] / 1e6:.0f}",
         f"{result['error']:.1e}",
     )
+
+
+def growth_rows(document: dict[str, Any], titles: dict[str, str]) -> list[tuple[str, ...]]:
+    """The cells of the table of growth, see `GROWTH_HEADER`."""
+    needed: dict[str, float] = {}  # by each of the fewest parties
+    table = []
+    for result in document["growth"]:
+        work, parties, times, grown = (result[name] for name in ("work", "parties", "seconds", "growth"))
+        each = result["floor_s"] / parties
+        table.append(
+            (
+                titles[work],
+                str(parties),
+                ms(times["median"] / parties),
+                f"{ms(times['q1'] / parties)}-{ms(times['q3'] / parties)}",
+                f"{grown['median']:.2f}",
+                f"{grown['q1']:.2f}-{grown['q3']:.2f}",
+                f"{each / needed.setdefault(work, each):.2f}",
+            )
+        )
+    return table
 
 
 def peers_rows(
@@ -224,7 +270,7 @@ def _peer_cell(result: dict[str, Any] | None, ours: float) -> str:
 
 
 def markdown(document: dict[str, Any]) -> str:
-    """Both tables in Markdown, with what they were measured on."""
+    """The tables in Markdown, with what they were measured on."""
     machine, versions = document["machine"], document["versions"]
     text = (
         f"{machine['cpus']} cores of {machine['processor']}, jax {versions['jax']}; "
@@ -233,6 +279,8 @@ def markdown(document: dict[str, Any]) -> str:
     )
     titles = document["titles"]
     text += tables.markdown(HEADER, rows(document, titles)) + f"\n\n{NOTE}\n"
+    if document["growth"]:
+        text += f"\n{tables.markdown(GROWTH_HEADER, growth_rows(document, titles))}\n\n{GROWTH_NOTE}\n"
     if document["peers"]:
         text += f"\n{tables.markdown(*peers_rows(document, titles))}\n\n{PEERS_NOTE}\n"
     return text
@@ -242,6 +290,13 @@ def table(document: dict[str, Any]) -> Table:
     """Our own table for a terminal, with the short names of the works, and what they stand for."""
     what = "\n".join(f"{name}: {title}" for name, title in document["titles"].items())
     return tables.terminal("Secret-shared work", HEADER, rows(document, _names(document)), f"{what}\n{NOTE}")
+
+
+def growth_table(document: dict[str, Any]) -> Table:
+    """The table of growth for a terminal."""
+    return tables.terminal(
+        "Growth with the parties", GROWTH_HEADER, growth_rows(document, _names(document)), GROWTH_NOTE
+    )
 
 
 def peers_table(document: dict[str, Any]) -> Table:

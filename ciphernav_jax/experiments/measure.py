@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array
 
 from ciphernav_jax.experiments import floor
-from ciphernav_jax.experiments.work import Sizes, error, works
+from ciphernav_jax.experiments.work import Sizes, Work, error, works
 from ciphernav_jax.navigation.storage import read_json, write_json
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import reveal, share
@@ -59,25 +59,28 @@ def measure(order: Order) -> dict[str, Any]:
         the process, with Python, JAX and the compiler), error (see `work.error`), and needs (see `floor`).
     """
     work = works(order.sizes, order.seed)[order.work]
-    keys = jax.random.split(jax.random.key(order.seed), 2)
-    args = tuple(
-        share(jax.random.fold_in(keys[0], i), arg, parties=order.parties, protocol=order.protocol)
-        if secret
-        else arg
-        for i, (arg, secret) in enumerate(zip(work.args, work.secret, strict=True))
-    )
-    run, result = compiled(work.secured(order.protocol), keys[1], *args)
+    share_key, call_key = jax.random.split(jax.random.key(order.seed))
+    args = shared(work, share_key, order.parties, order.protocol)
+    run, result = compiled(work.secured(order.protocol), call_key, *args)
     if order.compile_only:
         return result
 
-    found = jax.block_until_ready(run(keys[1], *args))
-    times = [seconds for seconds, _ in calls(run, keys[1], args, order.repeat)]
+    found = jax.block_until_ready(run(call_key, *args))
+    times = [seconds for seconds, _ in calls(run, call_key, args, order.repeat)]
     return result | {
         "seconds": summary([t / work.steps for t in times]),
         "peak_bytes": peak_bytes(),
         "error": error(reveal(found), work.expected()),
         "needs": floor.needs(work, order.protocol, order.parties, args),
     }
+
+
+def shared(work: Work, key: Array, parties: int, protocol: Protocol) -> tuple[Any, ...]:
+    """The arguments of a work, those that are secret as shares of so many parties."""
+    return tuple(
+        share(jax.random.fold_in(key, i), arg, parties=parties, protocol=protocol) if secret else arg
+        for i, (arg, secret) in enumerate(zip(work.args, work.secret, strict=True))
+    )
 
 
 def compiled(function: Callable[..., Any], *args: Any) -> tuple[Callable[..., Any], dict[str, Any]]:

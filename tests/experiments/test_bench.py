@@ -12,10 +12,12 @@ from rich.console import Console
 
 from ciphernav_jax.cli.options import WorkName
 from ciphernav_jax.experiments import bench, floor, peers, variants
+from ciphernav_jax.experiments.growth import Turns, growth
 from ciphernav_jax.experiments.measure import Order, measure, summary
 from ciphernav_jax.experiments.peers import harness
 from ciphernav_jax.experiments.work import RATE, Sizes, error, works
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.secret import share
 
 TINY = Sizes(widths=(6, 4, 3), forward=2, train=5, steps=2, relu=9, product=(3, 4, 5))
 # Of a value: rounding each input, and one truncation for each product.
@@ -60,6 +62,38 @@ def test_a_measurement(name):
     assert 0 < found["error"] < 100 * UNIT
 
 
+def test_growth_is_measured_in_turns():
+    turns = Turns("product", (2, 5), rounds=3, sizes=TINY)
+    assert Turns.from_json(json.loads(json.dumps(turns.as_json()))) == turns
+    fewest, more = growth(turns)
+    assert (fewest["parties"], more["parties"]) == (2, 5)
+    assert fewest["growth"] == {"median": 1.0, "q1": 1.0, "q3": 1.0, "repeats": 3}
+    assert 0 < more["growth"]["q1"] <= more["growth"]["median"] <= more["growth"]["q3"]
+    for found in (fewest, more):
+        assert found["seconds"]["repeats"] == 3
+        args = tuple(jax.eval_shape(lambda p=found["parties"]: shared(works(TINY)["product"], p)))
+        assert found["needs"] == floor.needs(works(TINY)["product"], Protocol(), found["parties"], args)
+
+
+def test_growth_beside_that_of_the_floor():
+    def result(parties, seconds, grown, needed):
+        times, ratios = summary([seconds]), summary([grown])
+        return {
+            "work": "train",
+            "parties": parties,
+            "seconds": times,
+            "growth": ratios,
+            "needs": {"random_bytes": needed},
+        }
+
+    document = {"rates": {}, "results": [], "growth": [result(2, 0.01, 1.0, 8), result(4, 0.03, 1.5, 20)]}
+    bench._compare(document, {"random_bytes": 1000.0})
+    assert bench.growth_rows(document, {"train": "a step"}) == [
+        ("a step", "2", "5", "5-5", "1.00", "1.00-1.00", "1.00"),
+        ("a step", "4", "7.5", "7.5-7.5", "1.50", "1.50-1.50", "1.25"),
+    ]
+
+
 def test_what_a_product_needs():
     # Dealer: a, b, and their product; masks to share all three and the truncation's; two parties.
     m, k, n = TINY.product
@@ -73,10 +107,8 @@ def test_what_a_product_needs():
     )
 
 
-def shared(work):
-    from ciphernav_jax.secret import share
-
-    return share(jax.random.key(0), work.args, parties=2)
+def shared(work, parties=2):
+    return share(jax.random.key(0), work.args, parties=parties)
 
 
 def test_summary_and_error():
