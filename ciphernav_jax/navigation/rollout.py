@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ciphernav_jax.world.dataset import Dataset
-from ciphernav_jax.world.grid import CELLS, HEADINGS, MAX_ACTIONS, START, STOP, WALLS, move
+from ciphernav_jax.world.grid import MAX_ACTIONS, START, STOP, WALLS, move
+from ciphernav_jax.world.planner import guide
+
+UNDECIDED = -1  # no action
 
 Policy = Callable[[int, NDArray[np.int64], NDArray[np.int64]], NDArray[np.int64]]
-"""Actions int64[N] from the question's number and every robot's cell and heading, int64[N].
+"""Actions int64[N] from the number of the step and every robot's cell and heading, int64[N].
 
-A secret policy takes its randomness by that number, so no two questions of an episode may have the same.
+A secret policy takes its randomness by that number, so it is asked once for each step of an episode.
 """
 
 
@@ -40,11 +43,13 @@ class Episodes:
         actions: int64[N, 17], the actions taken, a crash's and the stop among them; -1 afterwards.
         cells: int64[N, 18], where the robot stood before each action and at the end; -1 afterwards.
         outcome: int64[N], an `Outcome`.
+        alone: bool[N], which robots came to plan for themselves (`Careful`); None where none could.
     """
 
     actions: NDArray[np.int64]
     cells: NDArray[np.int64]
     outcome: NDArray[np.int64]
+    alone: NDArray[np.bool_] | None = None
 
     @property
     def lengths(self) -> NDArray[np.int64]:
@@ -90,39 +95,64 @@ def rollout(dataset: Dataset, policy: Policy, headings: NDArray[np.int64]) -> Ep
     return Episodes(actions, cells, outcome)
 
 
-def careful(policy: Policy, dataset: Dataset) -> Policy:
-    """A robot that uses what it alone knows: the map, its place, its goal, and where it has been.
+class Careful:
+    """A robot that uses what it alone knows: its map, place and goal, where it has been, and its own eyes.
 
-    On its goal it stops, without asking. Elsewhere an answer makes no sense to it when it would stop, or run
-    into a wall of its map, or when it has asked in this cell with this view before, and so would go in
-    circles. Then it turns and asks again with another view, up to all four; if none helps, it follows the
-    first. Nothing more is opened for that than the answers, and turning is no action: it does not move.
+    On its goal it stops, without asking. Elsewhere it asks the parties, and follows an answer that makes
+    sense. None is to stop there, to run into a wall of its map or into an obstacle that it has seen, or
+    whatever they say in a cell where it has asked with this view before: it would go in circles. Before it
+    moves it turns that way and looks; turning is no action. From the first answer that makes no sense on it
+    plans for itself: the shortest path on its map with the obstacles that it has seen, looking before each
+    move.
+
+    Nothing more is opened for that than the answers, at most one for each action.
+
+    Args:
+        policy: the parties' answers.
+        dataset: the environments; of their obstacles nothing is read.
+        ahead: bool[N, 25, 4], what it sees; see `sight.obstacles_ahead`.
+
+    Attributes:
+        alone: bool[N], which robots came to plan for themselves.
     """
-    walls, goal = WALLS[dataset.layout], np.asarray(dataset.goal)
-    every = np.arange(len(goal))
-    asked = np.zeros((len(goal), CELLS, len(HEADINGS)), bool)
 
-    def decide(step: int, cells: NDArray[np.int64], headings: NDArray[np.int64]) -> NDArray[np.int64]:
+    def __init__(self, policy: Policy, dataset: Dataset, ahead: NDArray[np.bool_]):
+        self._policy, self._ahead = policy, ahead
+        self._walls, self._goal = WALLS[dataset.layout], np.asarray(dataset.goal)
+        self._every = np.arange(len(self._goal))
+        self._begin()
+
+    def _begin(self) -> None:
+        self._blocked = self._walls.copy()
+        self._asked = np.zeros_like(self._ahead)
+        self.alone = np.zeros(len(self._goal), bool)
+
+    def __call__(self, step: int, cells: NDArray[np.int64], headings: NDArray[np.int64]) -> NDArray[np.int64]:
         if step == 0:
-            asked[:] = False
-        chosen = np.where(cells == goal, STOP, -1)
-        for turn in range(len(HEADINGS)):
-            looking = (headings + turn) % len(HEADINGS)
-            answers = policy(len(HEADINGS) * step + turn, cells, looking)
-            following = move(cells, answers).astype(np.int64)
-            senseless = (
-                (answers == STOP) | (following < 0) | walls[every, following] | asked[every, cells, looking]
-            )
-            pending = chosen < 0
-            asked[every[pending], cells[pending], looking[pending]] = True
-            chosen = np.where(pending & ~senseless, answers, chosen)
-            if turn == 0:
-                first = answers
-            if (chosen >= 0).all():
-                break
-        return np.where(chosen < 0, first, chosen)
+            self._begin()
+        answers = self._policy(step, cells, headings)
+        chosen = np.where(cells == self._goal, STOP, UNDECIDED)
+        asking = (chosen == UNDECIDED) & ~self.alone
+        again = self._asked[self._every, cells, headings]
+        self._asked[self._every, cells, headings] |= asking
+        follows = self._free(cells, answers, asking & ~again & (answers != STOP))
+        chosen = np.where(follows, answers, chosen)
+        self.alone |= asking & ~follows
+        while (open_ := chosen == UNDECIDED).any():
+            planned = guide(self._blocked, self._goal)[self._every, cells].astype(np.int64)
+            # Where nothing leads to the goal its eyes have erred; then the parties must know.
+            lost = open_ & (planned < 0)
+            chosen = np.where(lost, answers, chosen)
+            chosen = np.where(self._free(cells, planned, open_ & ~lost), planned, chosen)
+        return chosen
 
-    return decide
+    def _free(self, cells: NDArray, moves: NDArray, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which of these robots move to a free cell, as far as they know: they look, and remember."""
+        following = move(cells, moves).astype(np.int64)
+        which = which & (following >= 0) & ~self._blocked[self._every, following]
+        obstacle = which & self._ahead[self._every, cells, moves - 1]
+        self._blocked[self._every[obstacle], following[obstacle]] = True
+        return which & ~obstacle
 
 
 def random_walk(dataset: Dataset, seed: int) -> Episodes:

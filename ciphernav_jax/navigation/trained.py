@@ -4,28 +4,32 @@ config.json   what is trained, how, and on what; a folder goes on only with the 
 checkpoints/  the latest state of the training
 model/        the result, once it is finished: encoders, scales and weights (of a secret, shares)
 curve.json    the training curve, once it is finished
+
+Of a robot's sight, `model` holds the weights alone.
 """
 
 import hashlib
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from flax import nnx
+from numpy.typing import NDArray
 
 from ciphernav_jax import __version__
 from ciphernav_jax.models import Navigator
-from ciphernav_jax.navigation import classifier, features, plain
+from ciphernav_jax.navigation import classifier, features, plain, sight
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.features import Features, Scale
 from ciphernav_jax.navigation.methods import METHODS, Method
 from ciphernav_jax.navigation.parties import cast
 from ciphernav_jax.navigation.plain import EndToEnd, Report
 from ciphernav_jax.navigation.policies import plain_policy, secret_policy
-from ciphernav_jax.navigation.rollout import Episodes, careful, rollout
+from ciphernav_jax.navigation.rollout import Careful, Episodes, Policy, rollout
 from ciphernav_jax.navigation.samples import start_headings, training_samples
+from ciphernav_jax.navigation.sight import Looking
 from ciphernav_jax.navigation.storage import Checkpoints, DamagedError, read_json, write_json
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import share
@@ -119,6 +123,21 @@ def train_classifier(
     return _finish(folder, Trained(teacher.encoders, scales, weights), curve)
 
 
+def train_sight(dataset: Dataset, recipe: Looking, seed: int, folder: Path, report: Report) -> Any:
+    """Train what a robot sees for itself (`navigation.sight`), in a training folder.
+
+    Returns:
+        The weights. Going on after a kill, and asking for what is there already, give the same bits.
+
+    Raises:
+        DamagedError: the folder holds another training, or a damaged one.
+    """
+    if _begin(folder, _config("sight", None, seed, recipe, dataset)):
+        return Checkpoints(folder / "model").restore(sight.initial(0))[1]
+    weights, curve = sight.train(dataset, recipe, seed, Checkpoints(folder / "checkpoints"), report)
+    return _finish(folder, weights, curve)
+
+
 def load(folder: Path) -> tuple[dict, Trained]:
     """The configuration and the result of a finished training.
 
@@ -161,7 +180,7 @@ def drive(
     parties: int | None = None,
     *,
     protocol: Protocol | None = None,
-    with_care: bool = False,
+    eyes: Any = None,
 ) -> Episodes:
     """Let a trained classifier drive in every environment; a secret one under secret sharing.
 
@@ -172,7 +191,7 @@ def drive(
         parties: lets a classifier that was trained in plaintext drive under secret sharing: its weights are
             public, the inputs and what is computed from them secret (the paper's section 3).
         protocol: of such a drive; a secret classifier drives by the one that it was trained with.
-        with_care: whether robots use what they alone know (`rollout.careful`).
+        eyes: weights of a `Sight`; robots that have them use what they alone know (`rollout.Careful`).
 
     Raises:
         ValueError: fewer than two parties, or others than the ones that share the weights; a protocol for
@@ -195,9 +214,18 @@ def drive(
         policy = secret_policy(trained.weights, seen, jax.random.key(seed), parties, protocol)
     else:
         policy = plain_policy(trained.weights, seen)
-    if with_care:
-        policy = careful(policy, dataset)
-    return rollout(dataset, policy, start_headings(dataset, sees(config)))
+    headings = start_headings(dataset, sees(config))
+    return (
+        rollout(dataset, policy, headings)
+        if eyes is None
+        else drive_carefully(dataset, policy, headings, eyes)
+    )
+
+
+def drive_carefully(dataset: Dataset, policy: Policy, headings: NDArray[np.int64], eyes: Any) -> Episodes:
+    """The episodes of robots with eyes, which use what they alone know (`rollout.Careful`)."""
+    robots = Careful(policy, dataset, sight.obstacles_ahead(dataset, eyes))
+    return replace(rollout(dataset, robots, headings), alone=robots.alone)
 
 
 def encode(dataset: Dataset, method: Method, trained: Trained) -> Features:
@@ -208,7 +236,11 @@ def encode(dataset: Dataset, method: Method, trained: Trained) -> Features:
 
 
 def _config(
-    method: str, parties: int | None, seed: int, recipe: EndToEnd | FreshClassifier, dataset: Dataset
+    method: str,
+    parties: int | None,
+    seed: int,
+    recipe: EndToEnd | FreshClassifier | Looking,
+    dataset: Dataset,
 ) -> dict:
     data = {name: dataset.meta.get(name) for name in ("split", "count", "seed", "unseen_by")}
     training = {"method": method, "parties": parties, "seed": seed, "recipe": asdict(recipe), "data": data}
@@ -238,10 +270,10 @@ def _begin(folder: Path, config: dict) -> bool:
     return False
 
 
-def _finish(folder: Path, trained: Trained, curve: list[dict]) -> Trained:
-    Checkpoints(folder / "model").save(0, trained, [])
+def _finish(folder: Path, result: Any, curve: list[dict]) -> Any:
+    Checkpoints(folder / "model").save(0, result, [])
     write_json(folder / "curve.json", curve)
-    return trained
+    return result
 
 
 def _template(config: dict) -> Trained:

@@ -6,12 +6,13 @@ import json
 import numpy as np
 import pytest
 
-from ciphernav_jax.experiments.paper import accuracy, fewest_steps, paper_recipe, runs
+from ciphernav_jax.experiments.paper import accuracy, beyond, fewest_steps, paper_recipe, runs
 from ciphernav_jax.experiments.paper.runs import Options, Row
 from ciphernav_jax.navigation import metrics
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.rollout import random_walk
+from ciphernav_jax.navigation.sight import Looking
 from tests.navigation.conftest import make
 
 TEACHER = Row("plaintext", "plaintext", EndToEnd(epochs=1, batch=60))
@@ -45,6 +46,25 @@ def test_a_secret_row_is_written_whole_and_only_once(small, monkeypatch):
         runs.run_row(other, 0, {}, small)
 
 
+def test_careful_robots_share_a_training_and_have_eyes_of_their_own(small, monkeypatch):
+    monkeypatch.setattr(runs, "SIGHT", Looking(steps=4, batch=20, chunk=2))
+    known = {row.name: row for row in (TEACHER, SECRET)}
+    row = Row("beyond-3", "secret", parties=3, drives="secret-3", careful=True)
+    document = runs.run_row(row, 0, known, small)
+    assert sorted(path.name for path in (small.out / "models").iterdir()) == [
+        "plaintext-0",
+        "secret-3-0",
+        "sight-0",
+    ]
+    assert [point["step"] for point in document["curve"]] == [2, 4]
+    assert "cost" not in document  # the training's is in the row that shares it
+
+    alone = runs.run_row(Row("alone", "alone", careful=True), 0, {}, small)
+    for name in runs.TEST_SETS:
+        assert 0 <= document["results"][name]["alone"] <= 40
+        assert alone["results"][name]["alone"] == 40
+
+
 def test_the_lengths_add_up_to_all():
     world = make(60, 3)
     episodes = random_walk(world, 0)
@@ -57,7 +77,7 @@ def test_the_lengths_add_up_to_all():
 
 
 def test_names_are_unique_and_a_wrong_one_is_answered_with_those_there_are(monkeypatch, capsys):
-    rows = (*accuracy.ROWS, *fewest_steps.ROWS, *paper_recipe.ROWS)
+    rows = (*accuracy.ROWS, *fewest_steps.ROWS, *paper_recipe.ROWS, *beyond.ROWS)
     assert len({row.name for row in rows}) == len(rows)
     monkeypatch.setattr("sys.argv", ["accuracy", "--rows", "secret-7"])
     with pytest.raises(ValueError, match="the rows are random, map-only"):

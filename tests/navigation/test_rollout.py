@@ -5,9 +5,9 @@ import pytest
 
 from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.metrics import overall, tally
-from ciphernav_jax.navigation.rollout import Outcome, careful, random_walk, rollout
+from ciphernav_jax.navigation.rollout import Careful, Outcome, random_walk, rollout
 from ciphernav_jax.navigation.samples import start_headings
-from ciphernav_jax.world.grid import WALLS
+from ciphernav_jax.world.grid import WALLS, move
 
 LAYOUT = 11  # ring only
 
@@ -98,46 +98,72 @@ def test_a_random_walk_never_crashes_and_succeeds_on_entering_the_goal(world):
     np.testing.assert_array_equal(random_walk(world, seed=0).actions, episodes.actions)
 
 
-def by_view(answers):
-    """A policy that answers by heading alone."""
-    return lambda question, cells, headings: np.array([answers[heading] for heading in headings.tolist()])
-
-
 UP, DOWN, LEFT, RIGHT = range(4)
 
 
+def ahead(world):
+    """bool[N, 25, 4]: what perfect eyes see."""
+    seen = np.zeros((len(world), 25, 4), bool)
+    for cell in range(25):
+        for heading in range(4):
+            following = int(move(cell, heading + 1))
+            seen[:, cell, heading] = following >= 0 and world.obstacles[:, following]
+    return seen
+
+
 @pytest.mark.parametrize(
-    ("answers", "outcome", "length"),
+    ("answers", "outcome", "actions", "alone"),
     [
-        ({RIGHT: 0, UP: 4, DOWN: 4, LEFT: 4}, Outcome.SUCCESS, 3),  # stops too early: asks with another view
-        ({RIGHT: 1, UP: 4, DOWN: 4, LEFT: 4}, Outcome.SUCCESS, 3),  # off the grid
-        (
-            {RIGHT: 4, UP: 4, DOWN: 4, LEFT: 4},
-            Outcome.SUCCESS,
-            3,
-        ),  # does not stop on the goal: it does itself
-        ({RIGHT: 2, DOWN: 2, LEFT: 2, UP: 2}, Outcome.CRASH_OBSTACLE, 2),  # sees no obstacle itself
-        ({RIGHT: 0, DOWN: 0, LEFT: 0, UP: 0}, Outcome.NO_CRASH, 1),  # no view helps
+        ([4, 4, 1], Outcome.SUCCESS, [4, 4, 0], False),  # it stops on its goal without asking
+        ([0], Outcome.SUCCESS, [4, 4, 0], True),  # to stop elsewhere makes no sense
+        ([1], Outcome.SUCCESS, [4, 4, 0], True),  # nor to leave the grid
+        ([4, 2], Outcome.SUCCESS, [4, 4, 0], True),  # nor a wall
+        ([2, 2, 4], Outcome.SUCCESS, [2, 1, 4, 4, 0], True),  # nor an obstacle in sight
     ],
 )
-def test_a_careful_robot_uses_what_it_knows(ring, answers, outcome, length):
-    episodes = rollout(ring, careful(by_view(answers), ring), np.array([RIGHT]))
+def test_a_careful_robot_follows_what_makes_sense_and_else_its_map(ring, answers, outcome, actions, alone):
+    robot = Careful(script(*answers), ring, ahead(ring))
+    episodes = rollout(ring, robot, np.array([RIGHT]))
     assert episodes.outcome.tolist() == [outcome]
-    assert episodes.lengths.tolist() == [length]
+    assert episodes.actions[0, : len(actions)].tolist() == actions
+    assert robot.alone.tolist() == [alone]
 
 
-def test_a_careful_robot_does_not_go_in_circles_and_asks_no_question_twice(ring):
-    asked = []
+def test_a_careful_robot_does_not_go_in_circles(ring):
+    def back_and_forth(step, cells, headings):
+        return np.where(cells == 0, 4, 3)
 
-    def back_and_forth(question, cells, headings):
-        asked.append((question, int(cells[0]), int(headings[0])))
-        if headings[0] == UP:
-            return np.array([4])
-        return np.array([4 if cells[0] == 0 else 3])
-
-    plain = rollout(ring, back_and_forth, np.array([RIGHT]))
-    assert plain.outcome.tolist() == [Outcome.NO_CRASH]
-    asked.clear()
-    episodes = rollout(ring, careful(back_and_forth, ring), np.array([RIGHT]))
+    assert rollout(ring, back_and_forth, np.array([RIGHT])).outcome.tolist() == [Outcome.NO_CRASH]
+    robot = Careful(back_and_forth, ring, ahead(ring))
+    episodes = rollout(ring, robot, np.array([RIGHT]))
+    # In cell 1 it asks once with the same view, not twice.
+    assert episodes.actions[0, :6].tolist() == [4, 3, 4, 4, 0, -1]
     assert episodes.outcome.tolist() == [Outcome.SUCCESS]
-    assert len({question for question, *_ in asked}) == len(asked)
+
+
+def test_a_careful_robot_remembers_obstacles_and_goes_around(ring):
+    world = dataclasses.replace(ring, goal=np.array([20], np.uint8))
+    # Down the left side stands the obstacle, in cell 10; the way around has twelve moves more.
+    robot = Careful(script(2, 2), world, ahead(world))
+    episodes = rollout(world, robot, np.array([DOWN]))
+    way = [2, 1, 4, 4, 4, 4, 2, 2, 2, 2, 3, 3, 3, 3, 0]
+    assert episodes.actions[0, : len(way)].tolist() == way
+    assert episodes.outcome.tolist() == [Outcome.SUCCESS]
+
+
+def test_a_careful_robot_whose_eyes_see_a_wall_of_obstacles_does_as_it_is_told(ring):
+    everywhere = np.ones((1, 25, 4), bool)
+    episodes = rollout(ring, Careful(script(4, 4), ring, everywhere), np.array([RIGHT]))
+    assert episodes.actions[0, :3].tolist() == [4, 4, 0]
+
+
+def test_careful_robots_reach_every_goal_within_reach_whatever_they_are_told(world):
+    def nonsense(step, cells, headings):
+        return np.random.default_rng(step).integers(0, 5, len(cells))
+
+    robots = Careful(nonsense, world, ahead(world))
+    episodes = rollout(world, robots, start_headings(world, METHODS["plaintext"]))
+    assert set(episodes.outcome.tolist()) <= {Outcome.SUCCESS, Outcome.NO_CRASH}
+    assert np.mean(episodes.outcome == Outcome.SUCCESS) > 0.8  # some need more than 17 actions
+    again = rollout(world, robots, start_headings(world, METHODS["plaintext"]))
+    np.testing.assert_array_equal(again.actions, episodes.actions)  # an episode begins without memory

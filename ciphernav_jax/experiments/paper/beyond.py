@@ -2,24 +2,23 @@
 
 The paper has 97.1 % in plaintext, 96.6 % with 2 parties, 96.9 % with 5; of 4,500 episodes 10 or 11 end lost.
 
-    python -m ciphernav_jax.experiments.paper.beyond             # a seed: 3 minutes, with 5 parties 19
+    python -m ciphernav_jax.experiments.paper.beyond     # a minute a seed, after the trainings of `accuracy`
 
-What is different from the rows of `accuracy`: the robot uses what it alone knows, the map, its place and
-goal, and where it has been (`navigation.rollout.careful`); and the classifier is trained for twice as many
-steps, on four further paths in each training environment. Parties, networks and protocols are the same;
-encoders are those of the row `plaintext`.
+The classifiers are those of `accuracy`, with parties, networks and protocols as they are. What is different
+is the robot: it uses what it alone knows, its map, its place and goal, where it has been, and what it
+sees right ahead (`navigation.rollout.Careful`). For that it has a network of its own, trained in plaintext on
+its own views (`navigation.sight`). `alone` shows what all this is worth without the parties: nobody
+answers, and the robot finds its way with map, memory and eyes.
 """
 
-from ciphernav_jax.experiments.paper.accuracy import PLAINTEXT
+from ciphernav_jax.experiments.paper import accuracy
 from ciphernav_jax.experiments.paper.runs import Row, RowOptions, script
-from ciphernav_jax.navigation.classifier import FreshClassifier
-
-LONGER = FreshClassifier(steps=6360, errands=4)
 
 ROWS = (
-    Row("beyond-plaintext", "plaintext-classifier", LONGER, careful=True),
-    *(Row(f"beyond-{parties}", "secret", LONGER, parties, careful=True) for parties in (2, 5)),
+    Row("beyond-plaintext", "plaintext-classifier", drives="plaintext-classifier", careful=True),
+    *(Row(f"beyond-{p}", "secret", parties=p, drives=f"secret-{p}", careful=True) for p in (2, 5)),
+    Row("alone", "alone", careful=True),
 )
 
 if __name__ == "__main__":
-    script(__doc__, ROWS, RowOptions(rows=[row.name for row in ROWS]), [PLAINTEXT])
+    script(__doc__, ROWS, RowOptions(rows=[row.name for row in ROWS]), accuracy.ROWS)

@@ -5,13 +5,14 @@ OUT/world/validation, validation-unseen   2,250 each, drawn as the test sets are
 OUT/world/test         2,250 drawn independently of training, as the paper does
 OUT/world/unseen       2,250 without any layout-with-obstacles that training has
 OUT/models/ROW-SEED    a training folder; killed, it goes on to the same bits
+OUT/models/sight-SEED  that of a robot's own eyes
 RESULTS/ROW-SEED.json  configuration, seed, versions, machine, seconds, curve and raw counts
 """
 
+import functools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,26 +20,32 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 from rich.console import Console
 
 from ciphernav_jax.models.classifier import ACTIONS
 from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
 from ciphernav_jax.navigation import classifier, metrics, record, trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.parties import SLOTS, cast
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.policies import best_action
 from ciphernav_jax.navigation.progress import bar
 from ciphernav_jax.navigation.rollout import Episodes, random_walk
+from ciphernav_jax.navigation.samples import start_headings
+from ciphernav_jax.navigation.sight import Looking
 from ciphernav_jax.navigation.storage import read_json, write_json
 from ciphernav_jax.secret import cost, secure, share
 from ciphernav_jax.world import dataset
 from ciphernav_jax.world.dataset import Dataset
+from ciphernav_jax.world.grid import STOP
 
 console = Console(highlight=False)
 
 TRAIN, TEST = 15_000, 2_250
 TEST_SETS = ("test", "unseen")
+SIGHT = Looking()
 
 
 @dataclass(frozen=True)
@@ -47,11 +54,12 @@ class Row:
 
     Attributes:
         name: of its files; the table's titles are `metrics.title`'s.
-        method: "random", one of `METHODS`, "plaintext-classifier" or "secret".
-        recipe: how it is trained; None for the random walk.
+        method: "random", one of `METHODS`, "plaintext-classifier", "secret" or "alone".
+        recipe: how it is trained; None for the random walk, for a robot alone, and where `drives` is said.
         parties: who share a secret training.
         teacher: the row whose encoders a fresh classifier keeps, of the same seed.
-        careful: whether the robot uses what it alone knows (`rollout.careful`).
+        drives: the row whose training, of the same seed, drives; None for one of this row's own.
+        careful: whether the robot uses what it alone knows, its own eyes among it (`rollout.Careful`).
     """
 
     name: str
@@ -59,6 +67,7 @@ class Row:
     recipe: EndToEnd | FreshClassifier | None = None
     parties: int | None = None
     teacher: str = "plaintext"
+    drives: str | None = None
     careful: bool = False
 
 
@@ -125,7 +134,9 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
     Returns:
         What the file holds: row, seed, configuration, versions, machine, at; seconds of the training (with
         compile apart) and of the driving; curve; results: for each test set counts and by_length (see
-        `by_length`); and for a secret row cost: of a training step and of a decision, see `Cost.as_dict`.
+        `by_length`); and for a secret training cost: of a step and of a decision, see `Cost.as_dict`. Of
+        careful robots the training is that of their eyes, and results say in `alone` how many came to
+        plan for themselves.
 
     Raises:
         ValueError: the file there is of another configuration.
@@ -154,6 +165,8 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
             "counts": metrics.tally(environments, episodes),
             "by_length": by_length(environments, episodes),
         }
+        if episodes.alone is not None:
+            results[name]["alone"] = int(episodes.alone.sum())
     document = {
         "row": row.name,
         "seed": seed,
@@ -165,7 +178,7 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
         "curve": curve,
         "results": results,
     }
-    if row.parties:
+    if row.parties and not row.drives:
         assert isinstance(row.recipe, FreshClassifier)
         document["cost"] = costs(row.recipe, row.parties)
         document["held"] = {party.name: party.slots for party in cast(row.parties)}
@@ -191,16 +204,37 @@ def train(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> Pa
 def _driver(
     row: Row, seed: int, teachers: dict[str, Row], options: Options
 ) -> tuple[Callable[[Dataset], Episodes], list[dict]]:
-    """How it drives in a data set, and its training curve."""
-    if row.recipe is None:
+    """How it drives in a data set, and its training curve; of careful robots that of their eyes."""
+    if row.method == "random":
         return lambda environments: random_walk(environments, seed), []
-    folder = train(row, seed, teachers, options)
+    eyes, curve = _eyes(seed, options) if row.careful else (None, [])
+    if row.method == "alone":
+        return functools.partial(_drive_alone, eyes=eyes), curve
+    folder = train(teachers[row.drives] if row.drives else row, seed, teachers, options)
     config, model = trained.load(folder)
 
     def drive(environments: Dataset) -> Episodes:
-        return trained.drive(environments, config, model, seed, with_care=row.careful)
+        return trained.drive(environments, config, model, seed, eyes=eyes)
 
-    return drive, trained.curve(folder)
+    return drive, curve or trained.curve(folder)
+
+
+def _eyes(seed: int, options: Options) -> tuple[Any, list[dict]]:
+    """Weights of a robot's sight, trained where they are not yet, and the curve of that."""
+    folder = options.out / "models" / f"sight-{seed}"
+    with bar(f"sight, seed {seed}") as report:
+        weights = trained.train_sight(world("train", options.out), SIGHT, seed, folder, report)
+    return weights, trained.curve(folder)
+
+
+def _drive_alone(environments: Dataset, eyes: Any) -> Episodes:
+    """Nobody answers: the robot plans for itself from the start."""
+
+    def silence(step: int, cells: NDArray[np.int64], headings: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.full(len(cells), STOP)
+
+    headings = start_headings(environments, METHODS["plaintext"])
+    return trained.drive_carefully(environments, silence, headings, eyes)
 
 
 def by_length(environments: Dataset, episodes: Episodes) -> dict[str, metrics.Counts]:
@@ -212,7 +246,7 @@ def by_length(environments: Dataset, episodes: Episodes) -> dict[str, metrics.Co
     }
 
 
-@cache
+@functools.cache
 def costs(recipe: FreshClassifier, parties: int) -> dict[str, Any]:
     """Rounds and bytes of a training step and of one robot's decision, from traces alone."""
     weights = classifier.initial(0)

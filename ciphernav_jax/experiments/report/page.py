@@ -51,7 +51,7 @@ SECTIONS = (
         "Accuracy",
         "The robot starts in a corner, and must stop on its goal without touching a wall or an obstacle. "
         "Half of the episodes require a detour around an obstacle, which is on no map.",
-        ("overall", "accuracy-test", "accuracy-unseen", "bounds"),
+        ("overall", "accuracy-test", "accuracy-unseen", "bounds", "beyond"),
     ),
     Section(
         "cost",

@@ -21,26 +21,24 @@ ROWS = (
     *ONE_SEED,
 )
 """Of the tables of navigation, in their order."""
-FURTHER = {
-    "paper-recipe": "The paper's recipe: SGD with a learning rate of 0.01 on the squared loss, its batch "
-    "read in two ways; in secret only its first steps (`ciphernav_jax.experiments.paper.paper_recipe`).",
-    "beyond": "Beyond the paper: trained for longer, and the robot uses the map and where it has been "
-    "(`ciphernav_jax.experiments.paper.beyond`).",
-}
-"""Beginnings of the names of rows that follow these, and what to say of them."""
+RECIPES = "paper-recipe"
+"""Beginning of the names of rows that follow these."""
+BEYOND = ("secret-2", "secret-5", "plaintext-classifier", "beyond-2", "beyond-5", "beyond-plaintext", "alone")
+"""Rows of the table of careful robots: those that these share their trainings with, and they themselves."""
 CHEAP = ("secret-2", "secret-5", "fewest-2", "fewest-5")
 """Trainings whose cost must be known; that of all others with secrets is shown too."""
 SETS = {"test": "independent test set", "unseen": "unseen layouts"}
 TITLES = {
     "fewest": "fewest steps",
-    "beyond": "beyond the paper",
-    "beyond-plaintext": "Plaintext, beyond the paper",
+    "beyond": "careful robot",
+    "beyond-plaintext": "Plaintext, careful robot",
+    "alone": "Careful robot alone, nobody answers",
     "plaintext-actions-alone": "Plaintext, from actions alone",
     "paper-recipe-samples": "Paper's recipe, 500 samples a step",
     "paper-recipe-environments": "Paper's recipe, 500 environments a step",
     "paper-recipe-secret": "paper's recipe, begun",
 }
-SCRIPTS = {"fewest": "fewest_steps"}
+SCRIPTS = {"fewest": "fewest_steps", "beyond": "beyond", "alone": "beyond"}
 """In `experiments.paper`, of rows that `accuracy` does not make."""
 OVER_SEEDS = "Ours: mean ± sample standard deviation over seeds"
 
@@ -99,7 +97,7 @@ def made_by(results: Results, names: Iterable[str]) -> tuple[str, ...]:
     wanted: dict[tuple[str, bool], list[str]] = {}
     for name in names:
         if name not in results.runs:
-            made = SCRIPTS.get(name.rpartition("-")[0], "accuracy"), name in ONE_SEED
+            made = SCRIPTS.get(name.partition("-")[0], "accuracy"), name in ONE_SEED
             wanted.setdefault(made, []).append(name)
     return tuple(
         script(name, f"--rows {' '.join(rows)}{' --seeds 0' * one_seed}")

@@ -15,6 +15,7 @@ def every(results: Results) -> Iterator[Table]:
         )
     others = (
         driving.bounds,
+        driving.beyond,
         costs.cost,
         costs.messages,
         costs.audit,

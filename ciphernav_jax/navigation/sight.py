@@ -1,0 +1,134 @@
+"""What a robot sees for itself: its `Sight` trained, and applied to its own views.
+
+The robot's views are its own, so all of this is in plaintext and nobody else has a part in it.
+"""
+
+import functools
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from flax import nnx
+from numpy.typing import NDArray
+
+from ciphernav_jax.models import Sight
+from ciphernav_jax.navigation.plain import EndToEnd, Report, optimiser
+from ciphernav_jax.navigation.storage import Checkpoints
+from ciphernav_jax.world.dataset import Dataset
+from ciphernav_jax.world.grid import CELLS, HEADINGS, WALLS, move
+
+GRAPH = nnx.split(Sight(nnx.Rngs(0)))[0]
+ENCODED = 2000  # views at a time
+
+
+@dataclass(frozen=True)
+class Looking:
+    """How to train a sight: as the encoders are, on views drawn at random."""
+
+    steps: int = 1200
+    """Steps, a batch each."""
+    batch: int = 500
+    """Views per step: from any free cell, in any direction but towards a wall or off the grid."""
+    chunk: int = 100
+    """Steps between checkpoints."""
+
+
+def initial(seed: int) -> dict:
+    """Random weights, as a dict of float32 arrays."""
+    return nnx.to_pure_dict(nnx.split(Sight(nnx.Rngs(seed)))[1])
+
+
+def train(
+    dataset: Dataset, recipe: Looking, seed: int, checkpoints: Checkpoints, report: Report
+) -> tuple[dict, list[dict]]:
+    """Train a sight, or go on from the latest checkpoint: the same to the bit.
+
+    Args:
+        dataset: the training environments.
+        recipe: how to train.
+        seed: of the weights and of the views' order.
+        checkpoints: one is kept, after the latest chunk of steps.
+        report: called after each chunk.
+
+    Returns:
+        The weights, and the curve: for each chunk a dict of step, mean loss (cross-entropy), accuracy in
+        percent on the views as they were trained on, and seconds.
+    """
+    views, obstacle = _examples(dataset)
+    weights = initial(seed)
+    done, state, curve = checkpoints.restore((weights, _moments(weights, recipe)))
+    while done < recipe.steps:
+        began = time.perf_counter()
+        total, right = 0.0, 0
+        last = min(done + recipe.chunk, recipe.steps)
+        for step in range(done, last):
+            rows = np.random.default_rng([seed, step]).integers(0, len(views), recipe.batch)
+            pixels = np.asarray(dataset.views[views[rows]])
+            state, (loss, hits) = _step(state, pixels, obstacle[rows], recipe)
+            total, right = total + float(loss), right + int(hits)
+        count = last - done
+        done = last
+        point = {
+            "step": done,
+            "loss": total / count,
+            "accuracy": 100 * right / (count * recipe.batch),
+            "seconds": time.perf_counter() - began,
+        }
+        curve = [*curve, point]
+        checkpoints.save(done, state, curve)
+        report(done, recipe.steps, point)
+    return state[0], curve
+
+
+def obstacles_ahead(dataset: Dataset, weights: Any) -> NDArray[np.bool_]:
+    """bool[N, 25, 4]: whether the robot, in this cell looking that way, sees an obstacle in the next cell.
+
+    False where it cannot stand; in front of a wall, which it knows of, the answer means nothing.
+    """
+    agent = np.asarray(dataset.agent)
+    distinct, index = np.unique(agent, return_inverse=True)
+    seen = [
+        np.asarray(_apply(weights, np.asarray(dataset.views[np.maximum(distinct[i : i + ENCODED], 0)])))
+        for i in range(0, len(distinct), ENCODED)
+    ]
+    return (np.concatenate(seen) > 0)[index].reshape(agent.shape) & (agent >= 0)
+
+
+def _examples(dataset: Dataset) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The numbers of the views that a robot can have with a free or an occupied cell ahead, and which."""
+    obstacles = np.asarray(dataset.obstacles)
+    blocked = WALLS[dataset.layout] | obstacles
+    ahead = np.stack([move(np.arange(CELLS), heading + 1) for heading in range(len(HEADINGS))], axis=1)
+    wall = (ahead < 0) | WALLS[dataset.layout][:, ahead]
+    env, cell, heading = np.nonzero(~blocked[:, :, None] & ~wall)
+    views = np.asarray(dataset.agent)[env, cell, heading].astype(np.int64)
+    return views, obstacles[env, ahead[cell, heading]]
+
+
+def _moments(weights: Any, recipe: Looking) -> Any:
+    return optimiser(EndToEnd(), recipe.steps).init(weights)
+
+
+@functools.partial(jax.jit, static_argnames="recipe")
+def _step(state: tuple, pixels: jax.Array, obstacle: jax.Array, recipe: Looking):
+    """One step: the next weights and moments, and the batch's mean loss and number of right answers."""
+
+    def objective(weights):
+        logits = nnx.merge(GRAPH, weights)(pixels)
+        losses = optax.sigmoid_binary_cross_entropy(logits, obstacle.astype(jnp.float32))
+        return jnp.mean(losses), jnp.sum((logits > 0) == obstacle)
+
+    weights, moments = state
+    (loss, hits), gradient = jax.value_and_grad(objective, has_aux=True)(weights)
+    with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an integer
+        update, moments = optimiser(EndToEnd(), recipe.steps).update(gradient, moments, weights)
+    return (optax.apply_updates(weights, update), moments), (loss, hits)
+
+
+@jax.jit
+def _apply(weights: Any, pixels: jax.Array) -> jax.Array:
+    return nnx.merge(GRAPH, weights)(pixels)
