@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -82,6 +83,17 @@ def test_names_are_unique_and_a_wrong_one_is_answered_with_those_there_are(monke
     monkeypatch.setattr("sys.argv", ["accuracy", "--rows", "secret-7"])
     with pytest.raises(ValueError, match="the rows are random, map-only"):
         runs.script(accuracy.__doc__, accuracy.ROWS, runs.RowOptions())
+
+
+def test_the_committed_results_are_of_the_rows_as_they_are():
+    rows = {row.name: row for script in (accuracy, beyond, fewest_steps, paper_recipe) for row in script.ROWS}
+    found = 0
+    for path in (Path(__file__).parents[2] / "results" / "paper").glob("*.json"):
+        document = json.loads(path.read_text())
+        if "curve" in document:
+            assert document["configuration"] == runs.configured(rows[document["row"]]), path
+            found += 1
+    assert found > 40
 
 
 def test_the_papers_recipe_keeps_its_rate_and_standardises_nothing():

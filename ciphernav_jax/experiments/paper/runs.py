@@ -142,7 +142,7 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
         ValueError: the file there is of another configuration.
     """
     path = options.results / f"{row.name}-{seed}.json"
-    configuration = {"row": asdict(row), "train": TRAIN, "test": TEST}
+    configuration = configured(row)
     if path.exists():
         document = read_json(path)
         if document["configuration"] != configuration:
@@ -184,6 +184,11 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
         document["held"] = {party.name: party.slots for party in cast(row.parties)}
     write_json(path, document)
     return read_json(path)
+
+
+def configured(row: Row) -> dict[str, Any]:
+    """What a result file says of its row and of the data; a file that says otherwise is of another run."""
+    return {"row": asdict(row), "train": TRAIN, "test": TEST}
 
 
 def train(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> Path:
