@@ -46,9 +46,9 @@ def cost(results: Results) -> Table:
         ),
         rows,
         "The classifier from scratch; all parties and the dealer on one machine. Compiling is apart, and "
-        "faster where JAX's cache has the program. Accuracy: overall, on the independent test set; the paper's with 2 / 5 parties. Messages: the "
-        "time that those of all steps take on a network, projected; without computation, and without the "
-        "dealer's.",
+        "faster where JAX's cache has the program. Accuracy: overall, on the independent test set; the "
+        "paper's with 2 / 5 parties. Messages: the time that those of all steps take on a network, "
+        "projected; without computation, and without the dealer's.",
         made_by(results, CHEAP),
     )
 
