@@ -146,6 +146,7 @@ def run(
                 turns = replace(turns, rounds=repeat)
             document["growth"] += _grown(turns)
             _compare(document, floor.rates())
+            write_json(out / "bench.json", document)
             progress.advance(task)
     console.print(table(document))
     if growing:

@@ -63,8 +63,8 @@ def growth(turns: Turns) -> list[dict[str, Any]]:
         runs.append((compiled(work.secured(turns.protocol), call_key, *args)[0], args))
         needs.append(floor.needs(work, turns.protocol, parties, args))
 
-    # In each turn as many calls as there are turns of the most parties to this one's, after one that counts
-    # for nothing: it finds the caches full of another's data.
+    # Fewer parties get more calls in a turn, so that all turns last about as long. A turn's first call finds
+    # the processor's caches full of another's data, and does not count.
     often = [max(1, max(turns.parties) // parties) for parties in turns.parties]
     times = np.zeros((turns.rounds, len(runs)))
     for i in range(turns.rounds):

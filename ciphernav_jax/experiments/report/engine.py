@@ -14,6 +14,14 @@ def benchmarks(results: Results) -> Table:
     )
 
 
+def growth(results: Results) -> Table:
+    """Of `ciphernav bench`, how steps of training grow with the parties."""
+    document = results.bench
+    rows = bench.growth_rows(document, document["titles"]) if document else []
+    missing = () if rows else ("ciphernav bench --work train train-loop",)
+    return Table("growth", "Growth with the parties", bench.GROWTH_HEADER, rows, bench.GROWTH_NOTE, missing)
+
+
 def peers(results: Results) -> Table:
     """Of `ciphernav bench --peers`, ours beside other frameworks."""
     document, header, rows = results.bench, (), []

@@ -84,7 +84,7 @@ SECTIONS = (
         "The engine",
         "The paper's action classifier beside the machine's floor, other frameworks, and variants of the "
         "protocols.",
-        ("bench", "peers"),
+        ("bench", "growth", "peers"),
         ("sweep", "variants"),
     ),
 )

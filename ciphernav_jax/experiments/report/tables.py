@@ -23,6 +23,7 @@ def every(results: Results) -> Iterator[Table]:
         attacks.reconstruction,
         attacks.queries,
         engine.benchmarks,
+        engine.growth,
         engine.peers,
         engine.variants,
     )
