@@ -15,7 +15,7 @@ import numpy as np
 from flax import nnx
 from numpy.typing import NDArray
 
-from ciphernav_jax.models import MapEncoder, ViewEncoder
+from ciphernav_jax.models import MapEncoder, Sight, ViewEncoder
 from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
 from ciphernav_jax.navigation.methods import Method
 from ciphernav_jax.navigation.parties import CAMERAS
@@ -25,8 +25,8 @@ from ciphernav_jax.world.grid import CELLS, WALLS, map_code
 
 Floats = NDArray[np.float32]
 
-BLOCK = 4096  # views per call of the encoder
-PIECE = 64  # views encoded at a time within a call, so that they stay in the processor's cache
+BLOCK = 4096  # views per call of a network
+PIECE = 64  # views at a time within a call, so that they stay in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,23 @@ def encode(dataset: Dataset, method: Method, view_encoder: ViewEncoder, map_enco
     index = np.asarray(dataset.agent)
     views = np.zeros((1, VIEW_FEATURES), np.float32)
     if method.cameras or method.agent_view:
-        views = _encode_views(view_encoder, dataset.views)
+        views = of_views(view_encoder, dataset.views)
     cameras = (np.zeros((len(index), VIEW_FEATURES), np.float32),) * len(CAMERAS)
     if method.cameras:
         cameras = tuple(views[column] for column in dataset.cameras.T)
     if not method.agent_view:
         views, index = views[:1], np.zeros_like(index)
     return Features(cameras, views, index, _encode_maps(map_encoder), dataset.layout, dataset.goal)
+
+
+def of_views(network: ViewEncoder | Sight, views: NDArray[np.uint8]) -> Floats:
+    """float32[V, width]: what a network makes of each view, uint8[V, 45, 60, 3]."""
+    blocks = []
+    for first in range(0, len(views), BLOCK):
+        block = np.asarray(views[first : first + BLOCK])
+        padded = np.pad(block, ((0, -len(block) % PIECE), (0, 0), (0, 0), (0, 0)))
+        blocks.append(np.asarray(_of_block(network, jnp.asarray(padded)))[: len(block)])
+    return np.concatenate(blocks)
 
 
 class Scale(NamedTuple):
@@ -103,17 +113,8 @@ def standardise(features: Features, scales: tuple[Scale, ...]) -> Features:
 
 
 @nnx.jit
-def _encode_block(encoder: ViewEncoder, views: jax.Array) -> jax.Array:
-    return jax.lax.map(encoder.__call__, views.reshape(-1, PIECE, *views.shape[1:])).reshape(len(views), -1)
-
-
-def _encode_views(encoder: ViewEncoder, views: NDArray[np.uint8]) -> Floats:
-    blocks = []
-    for first in range(0, len(views), BLOCK):
-        block = np.asarray(views[first : first + BLOCK])
-        padded = np.pad(block, ((0, -len(block) % PIECE), (0, 0), (0, 0), (0, 0)))
-        blocks.append(np.asarray(_encode_block(encoder, jnp.asarray(padded)))[: len(block)])
-    return np.concatenate(blocks)
+def _of_block(network: ViewEncoder | Sight, views: jax.Array) -> jax.Array:
+    return jax.lax.map(network.__call__, views.reshape(-1, PIECE, *views.shape[1:])).reshape(len(views), -1)
 
 
 def _encode_maps(encoder: MapEncoder) -> Floats:

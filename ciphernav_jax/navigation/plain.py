@@ -8,7 +8,7 @@ import functools
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -62,6 +62,13 @@ def optimiser(recipe: EndToEnd, steps: int) -> optax.GradientTransformation:
     """The optimiser of a recipe over so many steps in all."""
     rate = optax.warmup_cosine_decay_schedule(0.0, recipe.learning_rate, steps // 20, steps)
     return optax.chain(optax.clip_by_global_norm(1.0), optax.adamw(rate, weight_decay=recipe.weight_decay))
+
+
+def updated(params: Any, moments: Any, gradient: Any, recipe: EndToEnd, steps: int) -> tuple[Any, Any]:
+    """The next weights and moments, by the optimiser of a recipe over so many steps in all."""
+    with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an integer
+        update, moments = optimiser(recipe, steps).update(gradient, moments, params)
+    return optax.apply_updates(params, update), moments
 
 
 class Batch(NamedTuple):
@@ -176,9 +183,7 @@ def _step(state: tuple, batch: Batch, method: Method, recipe: EndToEnd, steps: i
 
     params, moments = state
     (_, sums), gradient = jax.value_and_grad(objective, has_aux=True)(params)
-    with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an integer
-        update, moments = optimiser(recipe, steps).update(gradient, moments, params)
-    return (optax.apply_updates(params, update), moments), sums
+    return updated(params, moments, gradient, recipe, steps), sums
 
 
 def _gather(dataset: Dataset, method: Method, samples: Samples, rows: NDArray) -> Batch:

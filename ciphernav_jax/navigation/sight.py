@@ -16,13 +16,13 @@ from flax import nnx
 from numpy.typing import NDArray
 
 from ciphernav_jax.models import Sight
-from ciphernav_jax.navigation.plain import EndToEnd, Report, optimiser
+from ciphernav_jax.navigation import features
+from ciphernav_jax.navigation.plain import EndToEnd, Report, optimiser, updated
 from ciphernav_jax.navigation.storage import Checkpoints
 from ciphernav_jax.world.dataset import Dataset
-from ciphernav_jax.world.grid import CELLS, HEADINGS, WALLS, move
+from ciphernav_jax.world.grid import STEP_TABLE, WALLS
 
 GRAPH = nnx.split(Sight(nnx.Rngs(0)))[0]
-ENCODED = 2000  # views at a time
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def train(
     """
     views, obstacle = _examples(dataset)
     weights = initial(seed)
-    done, state, curve = checkpoints.restore((weights, _moments(weights, recipe)))
+    done, state, curve = checkpoints.restore((weights, optimiser(EndToEnd(), recipe.steps).init(weights)))
     while done < recipe.steps:
         began = time.perf_counter()
         total, right = 0.0, 0
@@ -90,27 +90,19 @@ def obstacles_ahead(dataset: Dataset, weights: Any) -> NDArray[np.bool_]:
     False where it cannot stand; in front of a wall, which it knows of, the answer means nothing.
     """
     agent = np.asarray(dataset.agent)
-    distinct, index = np.unique(agent, return_inverse=True)
-    seen = [
-        np.asarray(_apply(weights, np.asarray(dataset.views[np.maximum(distinct[i : i + ENCODED], 0)])))
-        for i in range(0, len(distinct), ENCODED)
-    ]
-    return (np.concatenate(seen) > 0)[index].reshape(agent.shape) & (agent >= 0)
+    logits = features.of_views(nnx.merge(GRAPH, weights), dataset.views)[:, 0]
+    return (logits[agent] > 0) & (agent >= 0)
 
 
 def _examples(dataset: Dataset) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """The numbers of the views that a robot can have with a free or an occupied cell ahead, and which."""
     obstacles = np.asarray(dataset.obstacles)
     blocked = WALLS[dataset.layout] | obstacles
-    ahead = np.stack([move(np.arange(CELLS), heading + 1) for heading in range(len(HEADINGS))], axis=1)
+    ahead = STEP_TABLE[:, 1:]
     wall = (ahead < 0) | WALLS[dataset.layout][:, ahead]
     env, cell, heading = np.nonzero(~blocked[:, :, None] & ~wall)
     views = np.asarray(dataset.agent)[env, cell, heading].astype(np.int64)
     return views, obstacles[env, ahead[cell, heading]]
-
-
-def _moments(weights: Any, recipe: Looking) -> Any:
-    return optimiser(EndToEnd(), recipe.steps).init(weights)
 
 
 @functools.partial(jax.jit, static_argnames="recipe")
@@ -124,11 +116,4 @@ def _step(state: tuple, pixels: jax.Array, obstacle: jax.Array, recipe: Looking)
 
     weights, moments = state
     (loss, hits), gradient = jax.value_and_grad(objective, has_aux=True)(weights)
-    with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an integer
-        update, moments = optimiser(EndToEnd(), recipe.steps).update(gradient, moments, weights)
-    return (optax.apply_updates(weights, update), moments), (loss, hits)
-
-
-@jax.jit
-def _apply(weights: Any, pixels: jax.Array) -> jax.Array:
-    return nnx.merge(GRAPH, weights)(pixels)
+    return updated(weights, moments, gradient, EndToEnd(), recipe.steps), (loss, hits)

@@ -215,11 +215,9 @@ def drive(
     else:
         policy = plain_policy(trained.weights, seen)
     headings = start_headings(dataset, sees(config))
-    return (
-        rollout(dataset, policy, headings)
-        if eyes is None
-        else drive_carefully(dataset, policy, headings, eyes)
-    )
+    if eyes is None:
+        return rollout(dataset, policy, headings)
+    return drive_carefully(dataset, policy, headings, eyes)
 
 
 def drive_carefully(dataset: Dataset, policy: Policy, headings: NDArray[np.int64], eyes: Any) -> Episodes:

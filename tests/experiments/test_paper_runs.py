@@ -19,6 +19,8 @@ from tests.navigation.conftest import make
 TEACHER = Row("plaintext", "plaintext", EndToEnd(epochs=1, batch=60))
 SECRET = Row("secret-3", "secret", FreshClassifier(steps=4, batch=16, chunk=2), 3)
 
+ROWS = (*accuracy.ROWS, *fewest_steps.ROWS, *paper_recipe.ROWS, *beyond.ROWS)
+
 
 @pytest.fixture
 def small(monkeypatch, tmp_path):
@@ -78,15 +80,14 @@ def test_the_lengths_add_up_to_all():
 
 
 def test_names_are_unique_and_a_wrong_one_is_answered_with_those_there_are(monkeypatch, capsys):
-    rows = (*accuracy.ROWS, *fewest_steps.ROWS, *paper_recipe.ROWS, *beyond.ROWS)
-    assert len({row.name for row in rows}) == len(rows)
+    assert len({row.name for row in ROWS}) == len(ROWS)
     monkeypatch.setattr("sys.argv", ["accuracy", "--rows", "secret-7"])
     with pytest.raises(ValueError, match="the rows are random, map-only"):
         runs.script(accuracy.__doc__, accuracy.ROWS, runs.RowOptions())
 
 
 def test_the_committed_results_are_of_the_rows_as_they_are():
-    rows = {row.name: row for script in (accuracy, beyond, fewest_steps, paper_recipe) for row in script.ROWS}
+    rows = {row.name: row for row in ROWS}
     found = 0
     for path in (Path(__file__).parents[2] / "results" / "paper").glob("*.json"):
         document = json.loads(path.read_text())
