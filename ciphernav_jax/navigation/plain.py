@@ -48,6 +48,9 @@ class EndToEnd:
     """AdamW's weight decay."""
     loss: Literal["cross-entropy", "squared"] = "cross-entropy"
     """Loss of a step's logits against the right action; the paper's is squared."""
+    smoothing: float = 0.0
+    """What the cross-entropy takes from the right action and spreads over all five, in [0, 1): with it a
+    network stops growing once it is sure, and learns its training environments less by heart."""
     lanes: float = 0.0
     """Weight of a second loss, on what the view encoder sees: from the features of each camera a linear
     layer, which is thrown away afterwards, tells which of the four cells ahead in its lane hold an obstacle.
@@ -56,6 +59,12 @@ class EndToEnd:
     """Further paths in every environment to train on, to goals of the robot's own choice (the paper: 0)."""
     stray: float = 0.0
     """How often a robot on an errand takes any move instead of the right one."""
+
+    def __post_init__(self):
+        if not 0 <= self.smoothing < 1:
+            raise ValueError(f"smoothing must lie in [0, 1), not at {self.smoothing}")
+        if self.smoothing and self.loss != "cross-entropy":
+            raise ValueError(f"only the cross-entropy is smoothed, not the {self.loss} loss")
 
 
 def optimiser(recipe: EndToEnd, steps: int) -> optax.GradientTransformation:
@@ -173,7 +182,7 @@ def _step(state: tuple, batch: Batch, method: Method, recipe: EndToEnd, steps: i
         if recipe.loss == "squared":
             losses = jnp.mean(jnp.square(scores - right), axis=-1)
         else:
-            losses = optax.softmax_cross_entropy(scores, right)
+            losses = optax.softmax_cross_entropy(scores, optax.smooth_labels(right, recipe.smoothing))
         total = jnp.sum(losses, where=counts)
         hits = jnp.sum((jax.lax.argmax(scores, 1, jnp.int32) == batch.actions) & counts)
         seen = views[:, : len(CAMERAS)] @ params["lanes"]["kernel"] + params["lanes"]["bias"]

@@ -174,6 +174,30 @@ def test_the_loss_of_lanes_teaches_the_encoder_what_is_in_them(world, tmp_path):
     assert left_over("with", 5.0) < 0.7 * left_over("without", 0.0)
 
 
+def test_smoothed_labels_bound_the_loss_from_below(world, tmp_path):
+    def losses(smoothing):
+        recipe = EndToEnd(epochs=3, batch=30, smoothing=smoothing)
+        folder = tmp_path / str(smoothing)
+        trained.train_end_to_end(world, "map-only", recipe, 0, folder, silent)
+        return [point["loss"] for point in trained.curve(folder)]
+
+    label = np.array([0.1 + 0.9 / 5] + [0.9 / 5] * 4)  # its entropy, 1.591, is the least loss there is
+    entropy = -np.sum(label * np.log(label))
+    assert min(losses(0.9)) >= entropy
+    assert min(losses(0.0)) < entropy
+
+
+@pytest.mark.parametrize("smoothing", [1.0, -0.1])
+def test_smoothing_out_of_range_is_refused(smoothing):
+    with pytest.raises(ValueError, match=r"\[0, 1\)"):
+        EndToEnd(smoothing=smoothing)
+
+
+def test_the_squared_loss_is_not_smoothed():
+    with pytest.raises(ValueError, match="squared loss"):
+        EndToEnd(loss="squared", smoothing=0.1)
+
+
 def test_a_variant_is_trained_and_driven_by(world, teacher, tmp_path):
     protocol = cn.Protocol(frac_bits=18, truncation="local", opened="logits")
     model = trained.train_classifier(world, teacher, FRESH, 0, tmp_path, silent, 2, protocol)
