@@ -38,6 +38,8 @@ def test_a_secret_row_is_written_whole_and_only_once(small, monkeypatch):
     assert all(point["failed"] == 0 < point["truncations"] for point in document["curve"])
     assert document["cost"]["training step"]["parties"] == 3
     assert document["cost"]["decision"]["rounds"] > 0
+    made = np.sum(np.asarray(runs.world("train", small.out).actions) >= 0)
+    assert document["epochs"] == round(4 * 16 / made, 3)
     assert list(document["held"]) == ["robot", "camera owner", "helper 1"]
     for name in runs.TEST_SETS:
         assert metrics.overall(document["results"][name]["counts"])["trials"] == 40
@@ -60,7 +62,7 @@ def test_careful_robots_share_a_training_and_have_eyes_of_their_own(small, monke
         "sight-0",
     ]
     assert [point["step"] for point in document["curve"]] == [2, 4]
-    assert "cost" not in document  # the training's is in the row that shares it
+    assert not {"cost", "epochs"} & set(document)  # the training's are in its own row
 
     alone = runs.run_row(Row("alone", "alone", careful=True), 0, {}, small)
     for name in runs.TEST_SETS:

@@ -58,6 +58,7 @@ def run(row: str, seed: int, detour: int = 8, no_detour: int = 9, *, parties: in
     }
     if parties:
         cost = {"rounds": 35, "bytes_sent": 7e6, "bytes_dealt": 21e6, "seconds": {"LAN": 0.02, "WAN": 3.0}}
+        document["epochs"] = 1.4567
         document["cost"] = {"training step": cost, "decision": cost | {"rounds": 26}}
     return document
 
@@ -218,9 +219,17 @@ def test_what_training_in_secret_takes(loaded):
     cells = row(costs.cost(loaded), "2 parties, cameras")
     assert cells["trained in"] == "2.5 s"  # the mean of 2 and 3
     assert cells["ms a step"] == "25"
+    assert (cells["steps"], cells["epochs"]) == ("100", "1.5")
     assert cells["messages: WAN"] == "5 min"  # 100 steps of 3 s
     theirs = row(costs.cost(loaded), "The paper, on a GPU")
     assert (theirs["trained in"], theirs["accuracy"]) == ("3 days", "96.6 / 96.9")
+    assert theirs["epochs"] == "600"
+
+
+def test_ten_epochs_and_more_are_shown_whole(loaded):
+    (document, *_) = loaded.runs["secret-2"]
+    document["epochs"] = 600.8
+    assert row(costs.cost(loaded), "2 parties, cameras")["epochs"] == "601"
 
 
 def test_messages_of_a_step_and_of_a_decision(loaded):

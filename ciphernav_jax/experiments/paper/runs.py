@@ -33,7 +33,7 @@ from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.policies import best_action
 from ciphernav_jax.navigation.progress import bar
 from ciphernav_jax.navigation.rollout import Episodes, random_walk
-from ciphernav_jax.navigation.samples import start_headings
+from ciphernav_jax.navigation.samples import start_headings, training_samples
 from ciphernav_jax.navigation.sight import Looking
 from ciphernav_jax.navigation.storage import read_json, write_json
 from ciphernav_jax.secret import cost, secure, share
@@ -134,9 +134,9 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
     Returns:
         What the file holds: row, seed, configuration, versions, machine, at; seconds of the training (with
         compile apart) and of the driving; curve; results: for each test set counts and by_length (see
-        `by_length`); and for a secret training cost: of a step and of a decision, see `Cost.as_dict`. Of
-        careful robots the training is that of their eyes, and results say in `alone` how many came to
-        plan for themselves.
+        `by_length`); for a classifier epochs, how often it went over its samples; and for a secret training
+        cost: of a step and of a decision, see `Cost.as_dict`. Of careful robots the training is that of their
+        eyes, and results say in `alone` how many came to plan for themselves.
 
     Raises:
         ValueError: the file there is of another configuration.
@@ -178,6 +178,8 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
         "curve": curve,
         "results": results,
     }
+    if isinstance(row.recipe, FreshClassifier):
+        document["epochs"] = round(epochs(row.recipe, seed, options), 3)
     if row.parties and not row.drives:
         assert isinstance(row.recipe, FreshClassifier)
         document["cost"] = costs(row.recipe, row.parties)
@@ -240,6 +242,14 @@ def _drive_alone(environments: Dataset, eyes: Any) -> Episodes:
 
     headings = start_headings(environments, METHODS["plaintext"])
     return trained.drive_carefully(environments, silence, headings, eyes)
+
+
+def epochs(recipe: FreshClassifier, seed: int, options: Options) -> float:
+    """How often a training goes over its samples."""
+    samples = training_samples(
+        world("train", options.out), METHODS["plaintext"], seed, recipe.errands, recipe.stray
+    )
+    return recipe.steps * recipe.batch / len(samples)
 
 
 def by_length(environments: Dataset, episodes: Episodes) -> dict[str, metrics.Counts]:

@@ -36,7 +36,7 @@ TITLES = {
     "plaintext-actions-alone": "Plaintext, from actions alone",
     "paper-recipe-samples": "Paper's recipe, 500 samples a step",
     "paper-recipe-environments": "Paper's recipe, 500 environments a step",
-    "paper-recipe-secret": "paper's recipe, begun",
+    "paper-recipe-secret": "paper's recipe",
 }
 SCRIPTS = {"fewest": "fewest_steps", "beyond": "beyond", "alone": "beyond"}
 """In `experiments.paper`, of rows that `accuracy` does not make."""
