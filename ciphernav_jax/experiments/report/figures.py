@@ -144,7 +144,8 @@ def paper_curves(results: Results) -> Picture:
     return Picture(
         "paper-recipe",
         "The paper's recipe beside ours",
-        "SGD with learning rate 0.01, as the paper says, and ours with two parties.",
+        "SGD with learning rate 0.01, as the paper says, and ours with two parties. With 500 samples a step "
+        "the line in secret covers the one in plaintext.",
         (lambda: _curves(results, names + compared, log_steps=True)) if names else None,
         () if names else (script("paper_recipe"),),
     )
