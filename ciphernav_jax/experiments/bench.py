@@ -131,12 +131,16 @@ def run(
     growing = [work.name for work in chosen if work.name in GROWING and len(parties) > 1]
     with tables.progress(console) as progress:
         task = progress.add_task("", total=len(orders) + len(growing))
-        for order in orders:
-            progress.update(task, description=f"{order.work}, {order.parties} parties, {order.protocol}")
-            document["results"].append(_measured(order))
+
+        def keep() -> None:
             _compare(document, floor.rates())
             write_json(out / "bench.json", document)
             progress.advance(task)
+
+        for order in orders:
+            progress.update(task, description=f"{order.work}, {order.parties} parties, {order.protocol}")
+            document["results"].append(_measured(order))
+            keep()
             median = ms(document["results"][-1]["seconds"]["median"])
             console.print(f"  {order.work}, {order.parties} parties, {order.protocol}: {median} ms")
         for name in growing:
@@ -145,9 +149,7 @@ def run(
             if repeat is not None:
                 turns = replace(turns, rounds=repeat)
             document["growth"] += _grown(turns)
-            _compare(document, floor.rates())
-            write_json(out / "bench.json", document)
-            progress.advance(task)
+            keep()
     console.print(table(document))
     if growing:
         console.print(growth_table(document))

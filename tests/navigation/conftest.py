@@ -1,5 +1,6 @@
 """A small Obstacle World without a renderer: a view is five bars that show the obstacles of a lane."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -64,6 +65,25 @@ def make(count: int, seed: int) -> Dataset:
         obstacle_yaw=np.zeros((count, 3)),
         meta={"split": "train", "count": count, "seed": seed},
     )
+
+
+class Killed(Exception):
+    pass
+
+
+def silent(done, total, point):
+    pass
+
+
+def killed_after_first(done, total, point):
+    raise Killed
+
+
+def assert_same(one, other):
+    leaves, others = jax.tree.leaves(one), jax.tree.leaves(other)
+    assert len(leaves) == len(others)
+    for leaf, twin in zip(leaves, others, strict=True):
+        np.testing.assert_array_equal(np.asarray(leaf), np.asarray(twin))
 
 
 @pytest.fixture(scope="session")

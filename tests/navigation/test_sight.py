@@ -10,6 +10,7 @@ from ciphernav_jax.navigation import sight, trained
 from ciphernav_jax.navigation.sight import Looking
 from ciphernav_jax.navigation.storage import Checkpoints, DamagedError
 from ciphernav_jax.world.grid import WALLS, move
+from tests.navigation.conftest import Killed, assert_same, killed_after_first, silent
 
 RECIPE = Looking(steps=120, batch=200, chunk=60)
 
@@ -48,19 +49,13 @@ def test_it_tells_obstacles_ahead(world, learned):
 def test_a_finished_one_is_read_back_and_a_killed_one_goes_on(world, learned, tmp_path):
     folder, weights, _ = learned
     read = trained.train_sight(world, RECIPE, 0, folder, lambda *_: pytest.fail("trained again"))
-    jax.tree.map(np.testing.assert_array_equal, read, weights)
+    assert_same(read, weights)
     assert [point["step"] for point in trained.curve(folder)] == [60, 120]
     with pytest.raises(DamagedError, match="another training"):
-        trained.train_sight(world, Looking(steps=180, batch=200, chunk=60), 0, folder, lambda *_: None)
-
-    class Killed(Exception):
-        pass
-
-    def kill(*_):
-        raise Killed
+        trained.train_sight(world, Looking(steps=180, batch=200, chunk=60), 0, folder, silent)
 
     with pytest.raises(Killed):
-        sight.train(world, RECIPE, 0, Checkpoints(tmp_path / "checkpoints"), kill)
-    resumed, curve = sight.train(world, RECIPE, 0, Checkpoints(tmp_path / "checkpoints"), lambda *_: None)
+        sight.train(world, RECIPE, 0, Checkpoints(tmp_path / "checkpoints"), killed_after_first)
+    resumed, curve = sight.train(world, RECIPE, 0, Checkpoints(tmp_path / "checkpoints"), silent)
     assert len(curve) == 2
-    jax.tree.map(np.testing.assert_array_equal, resumed, weights)
+    assert_same(resumed, weights)

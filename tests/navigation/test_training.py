@@ -13,32 +13,14 @@ from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.policies import plain_policy, secret_policy
 from ciphernav_jax.navigation.storage import DamagedError
 from ciphernav_jax.world.poses import LANES
+from tests.navigation.conftest import Killed, assert_same, killed_after_first, silent
 
 PLAIN = EndToEnd(epochs=3, batch=30)
 FRESH = FreshClassifier(steps=6, batch=32, chunk=2)
 
 
-class Killed(Exception):
-    pass
-
-
-def silent(done, total, point):
-    pass
-
-
-def killed_after_first(done, total, point):
-    raise Killed
-
-
 def untimed(curve):
     return [{name: value for name, value in point.items() if "seconds" not in name} for point in curve]
-
-
-def assert_same(one, other):
-    leaves, others = jax.tree.leaves(one), jax.tree.leaves(other)
-    assert len(leaves) == len(others)
-    for leaf, twin in zip(leaves, others, strict=True):
-        np.testing.assert_array_equal(np.asarray(leaf), np.asarray(twin))
 
 
 @pytest.fixture(scope="module")

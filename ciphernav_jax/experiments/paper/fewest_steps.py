@@ -1,8 +1,7 @@
 """How few steps of secret training from scratch pass the paper's 96.6 % (2 parties) and 96.9 % (5 parties).
 
 The paper: 600 epochs, 3 days on a GPU. Ours: 200 steps of 500 samples, less than one pass over the training
-samples. Chosen on the validation set with earlier encoders, where 180 steps reached 96.9 % and 212 reached
-97.5 % (one seed each); with these it is 97.6 % and 98.6 % (in plaintext).
+samples. Chosen on the validation set, with earlier encoders.
 
     python -m ciphernav_jax.experiments.paper.fewest_steps       # 3 minutes on two cores
 

@@ -180,10 +180,9 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
     }
     if isinstance(row.recipe, FreshClassifier):
         document["epochs"] = round(epochs(row.recipe, seed, options), 3)
-    if row.parties and not row.drives:
-        assert isinstance(row.recipe, FreshClassifier)
-        document["cost"] = costs(row.recipe, row.parties)
-        document["held"] = {party.name: party.slots for party in cast(row.parties)}
+        if row.parties:
+            document["cost"] = costs(row.recipe, row.parties)
+            document["held"] = {party.name: party.slots for party in cast(row.parties)}
     write_json(path, document)
     return read_json(path)
 

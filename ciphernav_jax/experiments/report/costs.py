@@ -28,8 +28,7 @@ def cost(results: Results) -> Table:
     rows = [_cost_row(name, documents) for name, documents in secret(results).items()]
     if rows:
         printed = (f"{paper.TABLE[name].overall:.1f}" for name in ("secret-2", "secret-5"))
-        epochs = f"{paper.TRAINING_EPOCHS}"
-        training = ("", epochs, duration(paper.TRAINING_S), "", "", "", "")
+        training = ("", _digits(paper.TRAINING_EPOCHS, 2), duration(paper.TRAINING_S), "", "", "", "")
         rows.append(("The paper, on a GPU", "", " / ".join(printed), *training))
     return Table(
         "cost",
@@ -64,16 +63,12 @@ def _cost_row(name: str, documents: list[Document]) -> Cells:
         seeds(documents),
         spread(documents, overall_accuracy).text(),
         f"{steps:,}",
-        _epochs(documents[0]["epochs"]),
+        _digits(documents[0]["epochs"], 2),
         duration(trained),
         duration(spread(documents, lambda document: document["seconds"]["compile"]).mean),
         ms(trained / steps),
         *(duration(projected[network] * steps) for network in ("LAN", "WAN")),
     )
-
-
-def _epochs(number: float) -> str:
-    return f"{number:.2g}" if number < 10 else f"{number:,.0f}"
 
 
 def messages(results: Results) -> Table:
@@ -84,8 +79,8 @@ def messages(results: Results) -> Table:
         rows.append(
             (
                 title(name),
-                *(str(step["rounds"]), *(_size(step[sent] / 1e6) for sent in BYTES)),
-                *(str(decision["rounds"]), *(_size(decision[sent] / 1e3) for sent in BYTES)),
+                *(str(step["rounds"]), *(_digits(step[sent] / 1e6) for sent in BYTES)),
+                *(str(decision["rounds"]), *(_digits(decision[sent] / 1e3) for sent in BYTES)),
                 *(ms(decision["seconds"][network]) for network in ("LAN", "WAN")),
             )
         )
@@ -102,8 +97,9 @@ def messages(results: Results) -> Table:
     )
 
 
-def _size(number: float) -> str:
-    return f"{number:.3g}" if number < 1000 else f"{number:,.0f}"
+def _digits(number: float, count: int = 3) -> str:
+    """With so many digits, and whole where it has more."""
+    return f"{number:.{count}g}" if round(number) < 10**count else f"{number:,.0f}"
 
 
 def audit(results: Results) -> Table:
