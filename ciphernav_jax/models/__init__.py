@@ -4,7 +4,7 @@
 - `encoders`: a view's pixels, or a map, to features.
 - `classifier`: the features of five views and a map to five action logits.
 - `navigator`: the three together, trained end to end in plaintext.
-- `sight`: an obstacle ahead, in the robot's own view; not the paper's.
+- `sight`: where straight ahead an obstacle stands, in the robot's own view; not the paper's.
 """
 
 from ciphernav_jax.models.classifier import ActionClassifier

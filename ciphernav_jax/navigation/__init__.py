@@ -6,7 +6,7 @@
 - `features`: each party encodes its own views.
 - `plain`: encoders and classifier, end to end, in plaintext.
 - `classifier`: a fresh classifier on frozen features, in plaintext or under secret sharing.
-- `sight`: what a robot sees for itself, right ahead.
+- `sight`: what a robot sees for itself, straight ahead.
 - `storage`: checkpoints and files that survive a kill.
 - `rollout`: closed-loop episodes, with any policy.
 - `policies`: classifiers, plain and secret, as policies.

@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import MAX_ACTIONS, START, STOP, WALLS, move
-from ciphernav_jax.world.planner import guide
-
-UNDECIDED = -1  # no action
+from ciphernav_jax.world.planner import distances, guide
 
 Policy = Callable[[int, NDArray[np.int64], NDArray[np.int64]], NDArray[np.int64]]
 """Actions int64[N] from the number of the step and every robot's cell and heading, int64[N].
@@ -98,61 +96,53 @@ def rollout(dataset: Dataset, policy: Policy, headings: NDArray[np.int64]) -> Ep
 class Careful:
     """A robot that uses what it alone knows: its map, place and goal, where it has been, and its own eyes.
 
-    On its goal it stops, without asking. Elsewhere it asks the parties, and follows an answer that makes
-    sense. None is to stop there, to run into a wall of its map or into an obstacle that it has seen, or
-    whatever they say in a cell where it has asked with this view before: it would go in circles. Before it
-    moves it turns that way and looks; turning is no action. From the first answer that makes no sense on it
-    plans for itself: the shortest path on its map with the obstacles that it has seen, looking before each
-    move.
+    In every cell it looks around, which is no action, and remembers the obstacles that it sees. On its goal
+    it stops, without asking. Elsewhere it asks the parties, and follows an answer that makes sense: from
+    where it leads, the goal can be reached with the actions left, through cells in which it has not been and
+    which are free as far as it knows. As long as the answers are right they make sense: the shortest path
+    around all obstacles, seen or not, enters no cell twice. From the first that makes none on it plans for
+    itself, the shortest path on its map around the obstacles that it has seen.
 
     Nothing more is opened for that than the answers, at most one for each action.
 
     Args:
         policy: the parties' answers.
         dataset: the environments; of their obstacles nothing is read.
-        ahead: bool[N, 25, 4], what it sees; see `sight.obstacles_ahead`.
+        seen: bool[N, 25, 25], what it sees; see `sight.obstacles_in_sight`.
 
     Attributes:
         alone: bool[N], which robots came to plan for themselves.
     """
 
-    def __init__(self, policy: Policy, dataset: Dataset, ahead: NDArray[np.bool_]):
-        self._policy, self._ahead = policy, ahead
+    def __init__(self, policy: Policy, dataset: Dataset, seen: NDArray[np.bool_]):
+        self._policy, self._seen = policy, seen
         self._walls, self._goal = WALLS[dataset.layout], np.asarray(dataset.goal)
         self._every = np.arange(len(self._goal))
         self._begin()
 
     def _begin(self) -> None:
         self._blocked = self._walls.copy()
-        self._asked = np.zeros_like(self._ahead)
+        self._been = np.zeros_like(self._walls)
         self.alone = np.zeros(len(self._goal), bool)
 
     def __call__(self, step: int, cells: NDArray[np.int64], headings: NDArray[np.int64]) -> NDArray[np.int64]:
         if step == 0:
             self._begin()
+        self._blocked |= self._seen[self._every, cells]
+        self._been[self._every, cells] = True
+        moves_left = MAX_ACTIONS - 1 - step  # the last action is to stop
         answers = self._policy(step, cells, headings)
-        chosen = np.where(cells == self._goal, STOP, UNDECIDED)
-        asking = (chosen == UNDECIDED) & ~self.alone
-        again = self._asked[self._every, cells, headings]
-        self._asked[self._every, cells, headings] |= asking
-        follows = self._free(cells, answers, asking & ~again & (answers != STOP))
-        chosen = np.where(follows, answers, chosen)
-        self.alone |= asking & ~follows
-        while (open_ := chosen == UNDECIDED).any():
-            planned = guide(self._blocked, self._goal)[self._every, cells].astype(np.int64)
-            # Where nothing leads to the goal its eyes have erred; then the parties must know.
-            lost = open_ & (planned < 0)
-            chosen = np.where(lost, answers, chosen)
-            chosen = np.where(self._free(cells, planned, open_ & ~lost), planned, chosen)
-        return chosen
+        arrived = cells == self._goal
 
-    def _free(self, cells: NDArray, moves: NDArray, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which of these robots move to a free cell, as far as they know: they look, and remember."""
-        following = move(cells, moves).astype(np.int64)
-        which = which & (following >= 0) & ~self._blocked[self._every, following]
-        obstacle = which & self._ahead[self._every, cells, moves - 1]
-        self._blocked[self._every[obstacle], following[obstacle]] = True
-        return which & ~obstacle
+        following = move(cells, answers).astype(np.int64)
+        onward = distances(self._blocked | self._been, self._goal)[self._every, following]
+        sensible = (answers != STOP) & (following >= 0) & (onward < moves_left)
+        self.alone |= ~arrived & ~sensible
+
+        planned = guide(self._blocked, self._goal)[self._every, cells].astype(np.int64)
+        # Where nothing leads to the goal its eyes have erred; then the parties must know.
+        told = ~self.alone | (planned < 0)
+        return np.where(arrived, STOP, np.where(told, answers, planned))
 
 
 def random_walk(dataset: Dataset, seed: int) -> Episodes:

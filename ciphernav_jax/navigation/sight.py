@@ -16,11 +16,12 @@ from flax import nnx
 from numpy.typing import NDArray
 
 from ciphernav_jax.models import Sight
+from ciphernav_jax.models.sight import REACH
 from ciphernav_jax.navigation import features
 from ciphernav_jax.navigation.plain import EndToEnd, Report, optimiser, updated
 from ciphernav_jax.navigation.storage import Checkpoints
 from ciphernav_jax.world.dataset import Dataset
-from ciphernav_jax.world.grid import STEP_TABLE, WALLS
+from ciphernav_jax.world.grid import CELLS, RAYS, WALLS
 
 GRAPH = nnx.split(Sight(nnx.Rngs(0)))[0]
 
@@ -56,7 +57,7 @@ def train(
 
     Returns:
         The weights, and the curve: for each chunk a dict of step, mean loss (cross-entropy), accuracy in
-        percent on the views as they were trained on, and seconds.
+        percent of the cells ahead, on the views as they were trained on, and seconds.
     """
     views, obstacle = _examples(dataset)
     weights = initial(seed)
@@ -75,7 +76,7 @@ def train(
         point = {
             "step": done,
             "loss": total / count,
-            "accuracy": 100 * right / (count * recipe.batch),
+            "accuracy": 100 * right / (count * recipe.batch * REACH),
             "seconds": time.perf_counter() - began,
         }
         curve = [*curve, point]
@@ -84,25 +85,37 @@ def train(
     return state[0], curve
 
 
-def obstacles_ahead(dataset: Dataset, weights: Any) -> NDArray[np.bool_]:
-    """bool[N, 25, 4]: whether the robot, in this cell looking that way, sees an obstacle in the next cell.
+def obstacles_in_sight(dataset: Dataset, weights: Any) -> NDArray[np.bool_]:
+    """bool[N, 25, 25]: the cells (last axis) in which a robot that looks around from a cell sees an obstacle.
 
-    False where it cannot stand; in front of a wall, which it knows of, the answer means nothing.
+    False where it cannot stand, and for whatever is not straight ahead of it in one of the four directions,
+    with nothing of its map's walls between.
     """
     agent = np.asarray(dataset.agent)
-    logits = features.of_views(nnx.merge(GRAPH, weights), dataset.views)[:, 0]
-    return (logits[agent] > 0) & (agent >= 0)
+    logits = features.of_views(nnx.merge(GRAPH, weights), dataset.views)
+    found = (logits[agent] > 0) & (agent >= 0)[..., None] & _open(dataset)
+    seen = np.zeros((len(agent), CELLS, CELLS), bool)
+    cell, heading, step = np.nonzero(RAYS >= 0)
+    seen[:, cell, RAYS[cell, heading, step]] = found[:, cell, heading, step]
+    return seen
+
+
+def _open(dataset: Dataset) -> NDArray[np.bool_]:
+    """bool[N, 25, 4, 4]: which of the cells straight ahead are in the grid, and not in or behind a wall."""
+    wall = (RAYS < 0) | WALLS[:, RAYS]
+    return ~np.logical_or.accumulate(wall, axis=-1)[dataset.layout]
 
 
 def _examples(dataset: Dataset) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The numbers of the views that a robot can have with a free or an occupied cell ahead, and which."""
-    obstacles = np.asarray(dataset.obstacles)
-    blocked = WALLS[dataset.layout] | obstacles
-    ahead = STEP_TABLE[:, 1:]
-    wall = (ahead < 0) | WALLS[dataset.layout][:, ahead]
-    env, cell, heading = np.nonzero(~blocked[:, :, None] & ~wall)
-    views = np.asarray(dataset.agent)[env, cell, heading].astype(np.int64)
-    return views, obstacles[env, ahead[cell, heading]]
+    """The numbers of the views that a robot can have, but of a wall, and bool[V, 4]: the nearest obstacle.
+
+    What that hides it need not guess.
+    """
+    agent, ahead = np.asarray(dataset.agent), _open(dataset)
+    env, cell, heading = np.nonzero((agent >= 0) & ahead[..., 0])
+    obstacle = np.asarray(dataset.obstacles)[env[:, None], RAYS[cell, heading]] & ahead[env, cell, heading]
+    nearest = obstacle & (np.cumsum(obstacle, axis=1) == 1)
+    return agent[env, cell, heading].astype(np.int64), nearest
 
 
 @functools.partial(jax.jit, static_argnames="recipe")

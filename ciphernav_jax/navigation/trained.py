@@ -222,7 +222,7 @@ def drive(
 
 def drive_carefully(dataset: Dataset, policy: Policy, headings: NDArray[np.int64], eyes: Any) -> Episodes:
     """The episodes of robots with eyes, which use what they alone know (`rollout.Careful`)."""
-    robots = Careful(policy, dataset, sight.obstacles_ahead(dataset, eyes))
+    robots = Careful(policy, dataset, sight.obstacles_in_sight(dataset, eyes))
     return replace(rollout(dataset, robots, headings), alone=robots.alone)
 
 

@@ -74,6 +74,18 @@ def move(cell: ArrayLike, action: ArrayLike) -> NDArray[np.int8]:
     return STEP_TABLE[np.asarray(cell), np.asarray(action)]
 
 
+def _rays() -> NDArray[np.int8]:
+    cells = [np.repeat(np.arange(CELLS)[:, None], 4, axis=1)]
+    while len(cells) < SIDE:
+        following = STEP_TABLE[cells[-1], np.arange(1, 5)]
+        cells.append(np.where(cells[-1] < 0, -1, following))
+    return np.stack(cells[1:], axis=2).astype(np.int8)
+
+
+RAYS: NDArray[np.int8] = _rays()
+"""int8[25, 4, 4]: the cells straight ahead of a cell and heading, nearest first, -1 off the grid."""
+
+
 def map_code(walls: ArrayLike, agent: ArrayLike, goal: ArrayLike) -> NDArray[np.uint8]:
     """The map as the map encoder reads it: 0 free, 1 agent, 2 goal, 4 wall.
 

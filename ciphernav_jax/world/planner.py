@@ -15,6 +15,7 @@ _NEXT = STEP_TABLE.tolist()
 NO_LABEL = -1
 ORDER = (RIGHT, DOWN, LEFT, UP)
 FAR = 2 * CELLS  # farther than any path is long
+_FOLLOWING = np.where(STEP_TABLE < 0, CELLS, STEP_TABLE)  # a cell off the grid, as far as can be
 
 
 def paths(blocked: NDArray[np.bool_]) -> dict[int, tuple[int, ...]]:
@@ -52,19 +53,32 @@ def guide(blocked: NDArray[np.bool_], goal: NDArray[np.integer]) -> NDArray[np.i
     Returns:
         int8[N, 25]: a move, 0 on the goal, -1 where blocked or cut off from the goal.
     """
-    count = len(blocked)
-    following = np.where(STEP_TABLE < 0, CELLS, STEP_TABLE)  # a cell off the grid, as far as can be
-    distance = np.full((count, CELLS + 1), FAR)
-    distance[np.arange(count), goal] = 0
-    for _ in range(CELLS):
-        nearer = np.min(distance[:, following[:, 1:]], axis=2) + 1
-        distance[:, :CELLS] = np.where(blocked, FAR, np.minimum(distance[:, :CELLS], nearer))
-    actions = np.full((count, CELLS), NO_LABEL, np.int8)
+    distance = np.pad(distances(blocked, goal), ((0, 0), (0, 1)), constant_values=FAR)
+    actions = np.full(blocked.shape, NO_LABEL, np.int8)
     for action in reversed(ORDER):  # the first in the order is written last
-        closer = distance[:, following[:, action]] == distance[:, :CELLS] - 1
-        actions[closer & ~blocked & (distance[:, :CELLS] < FAR)] = action
-    actions[np.arange(count), goal] = STOP
+        closer = distance[:, _FOLLOWING[:, action]] == distance[:, :CELLS] - 1
+        actions[closer & (distance[:, :CELLS] < FAR)] = action
+    actions[np.arange(len(blocked)), goal] = STOP
     return actions
+
+
+def distances(blocked: NDArray[np.bool_], goal: NDArray[np.integer]) -> NDArray[np.int64]:
+    """How many moves it takes to the goal from every cell, of N worlds at once.
+
+    Args:
+        blocked: bool[N, 25], the cells that cannot be entered.
+        goal: int[N], free cells.
+
+    Returns:
+        int64[N, 25]: `FAR` where blocked or cut off from the goal.
+    """
+    every = np.arange(len(blocked))
+    distance = np.full((len(blocked), CELLS + 1), FAR)
+    distance[every, goal] = 0
+    for _ in range(CELLS):
+        nearer = np.min(distance[:, _FOLLOWING[:, 1:]], axis=2) + 1
+        distance[:, :CELLS] = np.where(blocked, FAR, np.minimum(distance[:, :CELLS], nearer))
+    return distance[:, :CELLS]
 
 
 def needs_detour(walls: NDArray[np.bool_], obstacles: NDArray[np.bool_], goal: int) -> bool:

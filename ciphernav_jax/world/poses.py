@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ciphernav_jax.world.grid import CELLS, HEADINGS, SIDE, STEP_TABLE
+from ciphernav_jax.world.grid import CELLS, HEADINGS, RAYS, SIDE
 
 CELL_SIZE = 2.0
 GAP = 0.25
@@ -61,12 +61,6 @@ POSE_CELL: NDArray[np.intp] = np.array([20, 24, 0, 4] + [c for c in range(CELLS)
 POSES = len(POSE_HEADING)
 
 
-def _lanes() -> NDArray[np.intp]:
-    cells = [POSE_CELL[: len(CAMERAS)]]
-    while len(cells) < SIDE:
-        cells.append(STEP_TABLE[cells[-1], POSE_HEADING[: len(CAMERAS)] + 1].astype(np.intp))
-    return np.stack(cells, axis=1)
-
-
-LANES: NDArray[np.intp] = _lanes()
+_FIXED = POSE_CELL[: len(CAMERAS)]
+LANES: NDArray[np.intp] = np.c_[_FIXED, RAYS[_FIXED, POSE_HEADING[: len(CAMERAS)]]].astype(np.intp)
 """int[4, 5]: the cells of the lane that each fixed camera looks along, from its own cell to the far end."""

@@ -51,10 +51,10 @@ def test_a_secret_row_is_written_whole_and_only_once(small, monkeypatch):
         runs.run_row(other, 0, {}, small)
 
 
-def test_careful_robots_share_a_training_and_have_eyes_of_their_own(small, monkeypatch):
-    monkeypatch.setattr(runs, "SIGHT", Looking(steps=4, batch=20, chunk=2))
+def test_careful_robots_share_a_training_and_have_eyes_of_their_own(small):
+    eyes = Looking(steps=4, batch=20, chunk=2)
     known = {row.name: row for row in (TEACHER, SECRET)}
-    row = Row("beyond-3", "secret", parties=3, drives="secret-3", careful=True)
+    row = Row("beyond-3", "secret", parties=3, drives="secret-3", eyes=eyes)
     document = runs.run_row(row, 0, known, small)
     assert sorted(path.name for path in (small.out / "models").iterdir()) == [
         "plaintext-0",
@@ -64,7 +64,7 @@ def test_careful_robots_share_a_training_and_have_eyes_of_their_own(small, monke
     assert [point["step"] for point in document["curve"]] == [2, 4]
     assert not {"cost", "epochs"} & set(document)  # the training's are in its own row
 
-    alone = runs.run_row(Row("alone", "alone", careful=True), 0, {}, small)
+    alone = runs.run_row(Row("alone", "alone", eyes=eyes), 0, {}, small)
     for name in runs.TEST_SETS:
         assert 0 <= document["results"][name]["alone"] <= 40
         assert alone["results"][name]["alone"] == 40

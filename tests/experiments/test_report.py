@@ -147,6 +147,7 @@ def folder(tmp_path):
     runs = [run("map-only", seed, 6 + seed) for seed in range(3)]
     runs += [run("secret-2", seed, parties=2) for seed in range(2)]
     runs += [run("secret-16", 0, parties=16), run("paper-recipe-samples", 0)]
+    runs += [run("longer-2", seed) for seed in range(2)]
     runs += [careful("beyond-2", seed, alone=1 + seed) for seed in range(2)]
     documents = {f"{document['row']}-{document['seed']}": document for document in runs}
     (tmp_path / "paper").mkdir()
@@ -204,15 +205,18 @@ def test_efficiency_is_of_the_successes(loaded):
 
 def test_careful_robots_stand_beside_the_same_trainings(loaded):
     table = driving.beyond(loaded)
-    assert [cells[0] for cells in table.rows] == ["2 parties, cameras", "2 parties, careful robot"]
-    cells = row(table, "2 parties, careful robot")
+    titles = ["2 parties, cameras", "2 parties, trained longer", "2 parties, trained longer, careful robot"]
+    assert [cells[0] for cells in table.rows] == titles
+    cells = row(table, titles[-1])
     assert cells["independent test set: accuracy"] == "95.00 ± 0.00"
     assert cells["independent test set: efficient"] == f"{100 * 18 / 19:.2f} ± 0.00"
     assert cells["independent test set: lost"] == "2"
     assert cells["independent test set: alone"] == "7.50 ± 3.54"  # 1 and 2 of 20
     assert cells["unseen layouts: alone"] == "15.00 ± 7.07"
-    assert row(table, "2 parties, cameras")["unseen layouts: alone"] == ""
-    assert "python -m ciphernav_jax.experiments.paper.beyond --rows beyond-5" in " ".join(table.missing)
+    assert [row(table, title)["unseen layouts: alone"] for title in titles[:2]] == ["", ""]
+    assert "python -m ciphernav_jax.experiments.paper.beyond --rows longer-5 beyond-5" in " ".join(
+        table.missing
+    )
 
 
 def test_what_training_in_secret_takes(loaded):

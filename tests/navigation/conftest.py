@@ -6,7 +6,7 @@ import pytest
 
 from ciphernav_jax.world import planner, scenario
 from ciphernav_jax.world.dataset import Dataset
-from ciphernav_jax.world.grid import CELLS, SIDE, move
+from ciphernav_jax.world.grid import CELLS, SIDE, WALLS, move
 
 LANES = [range(0, CELLS, SIDE), range(20, CELLS), range(SIDE), range(4, CELLS, SIDE)]
 
@@ -26,13 +26,13 @@ class Album:
         return np.broadcast_to(row[:, None, :, None], (len(bars), 45, 60, 3)).copy()
 
 
-def ahead(cell: int, heading: int, obstacles: np.ndarray) -> tuple:
+def ahead(cell: int, heading: int, drawn: scenario.Scenario) -> tuple:
     seen = []
     while len(seen) < SIDE:
         cell = int(move(cell, heading + 1))
-        if cell < 0:
+        if cell < 0 or drawn.walls[cell]:
             break
-        seen.append(bool(obstacles[cell]))
+        seen.append(bool(drawn.obstacle_cells[cell]))
     return tuple(seen + [False] * (SIDE - len(seen)))
 
 
@@ -43,7 +43,7 @@ def make(count: int, seed: int) -> Dataset:
     cameras = [[album.add(tuple(bool(s.obstacle_cells[c]) for c in lane)) for lane in LANES] for s in drawn]
     agent = [
         [
-            [-1 if s.blocked[c] else album.add(ahead(c, heading, s.obstacle_cells)) for heading in range(4)]
+            [-1 if s.blocked[c] else album.add(ahead(c, heading, s)) for heading in range(4)]
             for c in range(CELLS)
         ]
         for s in drawn
@@ -65,6 +65,21 @@ def make(count: int, seed: int) -> Dataset:
         obstacle_yaw=np.zeros((count, 3)),
         meta={"split": "train", "count": count, "seed": seed},
     )
+
+
+def perfect_eyes(world: Dataset) -> np.ndarray:
+    """bool[N, 25, 25]: where one who looks around from a cell sees an obstacle, nothing being before it."""
+    walls = WALLS[world.layout]
+    seen = np.zeros((*walls.shape, CELLS), bool)
+    for env, cell in np.argwhere(~walls & ~world.obstacles).tolist():
+        for heading in range(4):
+            there = int(move(cell, heading + 1))
+            while there >= 0 and not walls[env, there]:
+                if world.obstacles[env, there]:
+                    seen[env, cell, there] = True
+                    break
+                there = int(move(there, heading + 1))
+    return seen
 
 
 class Killed(Exception):

@@ -7,7 +7,8 @@ from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.metrics import overall, tally
 from ciphernav_jax.navigation.rollout import Careful, Outcome, random_walk, rollout
 from ciphernav_jax.navigation.samples import start_headings
-from ciphernav_jax.world.grid import WALLS, move
+from ciphernav_jax.world.grid import WALLS
+from tests.navigation.conftest import perfect_eyes
 
 LAYOUT = 11  # ring only
 
@@ -101,68 +102,75 @@ def test_a_random_walk_never_crashes_and_succeeds_on_entering_the_goal(world):
 UP, DOWN, LEFT, RIGHT = range(4)
 
 
-def ahead(world):
-    """bool[N, 25, 4]: what perfect eyes see."""
-    seen = np.zeros((len(world), 25, 4), bool)
-    for cell in range(25):
-        for heading in range(4):
-            following = int(move(cell, heading + 1))
-            seen[:, cell, heading] = following >= 0 and world.obstacles[:, following]
-    return seen
+def careful(world, policy, eyes=None):
+    robots = Careful(policy, world, perfect_eyes(world) if eyes is None else eyes)
+    return robots, rollout(world, robots, start_headings(world, METHODS["plaintext"]))
+
+
+def path(*moves):
+    """A row of actions that ends with a stop."""
+    return [*moves, 0] + [-1] * (16 - len(moves))
 
 
 @pytest.mark.parametrize(
-    ("answers", "outcome", "actions", "alone"),
+    ("answers", "actions", "alone"),
     [
-        ([4, 4, 1], Outcome.SUCCESS, [4, 4, 0], False),  # it stops on its goal without asking
-        ([0], Outcome.SUCCESS, [4, 4, 0], True),  # to stop elsewhere makes no sense
-        ([1], Outcome.SUCCESS, [4, 4, 0], True),  # nor to leave the grid
-        ([4, 2], Outcome.SUCCESS, [4, 4, 0], True),  # nor a wall
-        ([2, 2, 4], Outcome.SUCCESS, [2, 1, 4, 4, 0], True),  # nor an obstacle in sight
+        ([4, 4, 1], [4, 4], False),  # it stops on its goal without asking
+        ([0], [4, 4], True),  # to stop elsewhere makes no sense
+        ([1], [4, 4], True),  # nor to leave the grid
+        ([4, 2], [4, 4], True),  # nor a wall
+        ([2], [4, 4], True),  # nor to go where an obstacle in sight leaves no way on
+        ([4, 3], [4, 4], True),  # nor to go back
     ],
 )
-def test_a_careful_robot_follows_what_makes_sense_and_else_its_map(ring, answers, outcome, actions, alone):
-    robot = Careful(script(*answers), ring, ahead(ring))
-    episodes = rollout(ring, robot, np.array([RIGHT]))
-    assert episodes.outcome.tolist() == [outcome]
-    assert episodes.actions[0, : len(actions)].tolist() == actions
+def test_a_careful_robot_follows_what_makes_sense_and_else_its_map(ring, answers, actions, alone):
+    robot, episodes = careful(ring, script(*answers))
+    assert episodes.actions[0].tolist() == path(*actions)
     assert robot.alone.tolist() == [alone]
 
 
-def test_a_careful_robot_does_not_go_in_circles(ring):
-    def back_and_forth(step, cells, headings):
-        return np.where(cells == 0, 4, 3)
-
-    assert rollout(ring, back_and_forth, np.array([RIGHT])).outcome.tolist() == [Outcome.NO_CRASH]
-    robot = Careful(back_and_forth, ring, ahead(ring))
-    episodes = rollout(ring, robot, np.array([RIGHT]))
-    # In cell 1 it asks once with the same view, not twice.
-    assert episodes.actions[0, :6].tolist() == [4, 3, 4, 4, 0, -1]
-    assert episodes.outcome.tolist() == [Outcome.SUCCESS]
+@pytest.mark.parametrize(("goal", "actions"), [(4, None), (3, [4, 4, 2, 2, 1, 1, 4])])
+def test_a_careful_robot_goes_no_way_that_takes_more_actions_than_are_left(ring, goal, actions):
+    # Through the middle, and around by the south: to cell 4 that takes all 16 moves, to cell 3 one more.
+    longest = [4, 4, 2, 2, 3, 3, 2, 2, 4, 4, 4, 4, 1, 1, 1, 1, 3]
+    cross = dataclasses.replace(
+        ring,
+        layout=np.array([10], np.uint8),
+        obstacles=np.zeros((1, 25), bool),
+        goal=np.array([goal], np.uint8),
+    )
+    robot, episodes = careful(cross, script(*longest))
+    assert episodes.actions[0].tolist() == path(*(actions or longest[:16]))
+    assert robot.alone.tolist() == [actions is not None]
 
 
 def test_a_careful_robot_remembers_obstacles_and_goes_around(ring):
+    # Down the left side stands the obstacle, in cell 10, in sight from the start; around it are twelve moves.
     world = dataclasses.replace(ring, goal=np.array([20], np.uint8))
-    # Down the left side stands the obstacle, in cell 10; the way around has twelve moves more.
-    robot = Careful(script(2, 2), world, ahead(world))
-    episodes = rollout(world, robot, np.array([DOWN]))
-    way = [2, 1, 4, 4, 4, 4, 2, 2, 2, 2, 3, 3, 3, 3, 0]
-    assert episodes.actions[0, : len(way)].tolist() == way
-    assert episodes.outcome.tolist() == [Outcome.SUCCESS]
+    robot, episodes = careful(world, script(2))
+    assert episodes.actions[0].tolist() == path(4, 4, 4, 4, 2, 2, 2, 2, 3, 3, 3, 3)
+    assert robot.alone.tolist() == [True]
 
 
 def test_a_careful_robot_whose_eyes_see_a_wall_of_obstacles_does_as_it_is_told(ring):
-    everywhere = np.ones((1, 25, 4), bool)
-    episodes = rollout(ring, Careful(script(4, 4), ring, everywhere), np.array([RIGHT]))
-    assert episodes.actions[0, :3].tolist() == [4, 4, 0]
+    _, episodes = careful(ring, script(4, 4), eyes=np.ones((1, 25, 25), bool))
+    assert episodes.actions[0].tolist() == path(4, 4)
 
 
-def test_careful_robots_reach_every_goal_within_reach_whatever_they_are_told(world):
+def test_careful_robots_follow_every_right_answer(world):
+    def oracle(step, cells, headings):
+        return np.maximum(world.actions[:, step], 0).astype(np.int64)
+
+    robots, episodes = careful(world, oracle)
+    np.testing.assert_array_equal(episodes.actions, world.actions)
+    assert not robots.alone.any()
+
+
+def test_careful_robots_never_crash_whatever_they_are_told(world):
     def nonsense(step, cells, headings):
         return np.random.default_rng(step).integers(0, 5, len(cells))
 
-    robots = Careful(nonsense, world, ahead(world))
-    episodes = rollout(world, robots, start_headings(world, METHODS["plaintext"]))
+    robots, episodes = careful(world, nonsense)
     assert set(episodes.outcome.tolist()) <= {Outcome.SUCCESS, Outcome.NO_CRASH}
     assert np.mean(episodes.outcome == Outcome.SUCCESS) > 0.8  # some need more than 17 actions
     again = rollout(world, robots, start_headings(world, METHODS["plaintext"]))

@@ -10,7 +10,7 @@ from ciphernav_jax.navigation import sight, trained
 from ciphernav_jax.navigation.sight import Looking
 from ciphernav_jax.navigation.storage import Checkpoints, DamagedError
 from ciphernav_jax.world.grid import WALLS, move
-from tests.navigation.conftest import Killed, assert_same, killed_after_first, silent
+from tests.navigation.conftest import Killed, assert_same, killed_after_first, perfect_eyes, silent
 
 RECIPE = Looking(steps=120, batch=200, chunk=60)
 
@@ -23,27 +23,33 @@ def learned(world, tmp_path_factory):
     return folder, weights, points
 
 
-def test_its_parameters_are_an_encoders_and_33_more():
+def test_its_parameters_are_an_encoders_and_132_more():
     count = sum(leaf.size for leaf in jax.tree.leaves(nnx.state(Sight(nnx.Rngs(0)), nnx.Param)))
-    assert count == 88_562 + 33
+    assert count == 88_562 + 4 * 33
 
 
-def test_it_tells_obstacles_ahead(world, learned):
+def test_it_tells_the_nearest_obstacle_in_each_direction(world, learned):
     _, weights, points = learned
     assert points == [60, 120]
-    found = sight.obstacles_ahead(world, weights)
-    free = ~(WALLS[world.layout] | world.obstacles)
-    right = wrong = obstacles = 0
-    for env, cell in np.argwhere(free).tolist():
+    found = sight.obstacles_in_sight(world, weights)
+    expected = perfect_eyes(world)
+    assert expected.sum() > 300
+    assert (found != expected).sum() < 0.02 * expected.sum()
+
+
+def test_whatever_it_answers_it_sees_nothing_in_or_behind_walls_nor_off_its_lines(world):
+    weights = jax.tree.map(np.zeros_like, sight.initial(0))
+    weights["ahead"]["bias"] += 1
+    found = sight.obstacles_in_sight(world, weights)
+    for env, cell in np.ndindex(len(world), 25):
+        blocked = WALLS[world.layout[env]] | world.obstacles[env]
+        open_ = set()
         for heading in range(4):
-            following = int(move(cell, heading + 1))
-            if following >= 0 and not WALLS[world.layout[env], following]:
-                right += found[env, cell, heading] == world.obstacles[env, following]
-                wrong += found[env, cell, heading] != world.obstacles[env, following]
-                obstacles += int(world.obstacles[env, following])
-    assert obstacles > 50
-    assert wrong <= 0.01 * right
-    assert not found[~free].any()
+            there = int(move(cell, heading + 1))
+            while there >= 0 and not WALLS[world.layout[env], there]:
+                open_.add(there)
+                there = int(move(there, heading + 1))
+        assert set(np.flatnonzero(found[env, cell]).tolist()) == (set() if blocked[cell] else open_)
 
 
 def test_a_finished_one_is_read_back_and_a_killed_one_goes_on(world, learned, tmp_path):

@@ -50,6 +50,21 @@ def test_move_takes_arrays():
     np.testing.assert_array_equal(grid.move(np.array([0, 12]), np.array([4, 2])), [1, 17])
 
 
+@pytest.mark.parametrize(
+    ("cell", "heading", "ahead"),
+    [
+        (0, 0, [-1, -1, -1, -1]),
+        (0, 3, [1, 2, 3, 4]),
+        (12, 0, [7, 2, -1, -1]),
+        (12, 1, [17, 22, -1, -1]),
+        (13, 2, [12, 11, 10, -1]),
+    ],
+)
+def test_rays_go_straight_ahead_to_the_edge(cell, heading, ahead):
+    assert grid.RAYS[cell, heading].tolist() == ahead
+    assert grid.RAYS.dtype == np.int8
+
+
 def test_map_code():
     picture = grid.map_code(grid.WALLS[0], 3, 24).reshape(5, 5)
     np.testing.assert_array_equal(

@@ -63,8 +63,9 @@ def test_the_guide_leads_from_the_start_along_the_path_and_from_everywhere_by_as
         blocked[rng.choice([2, 9, 14, 21, 10], 2, replace=False)] = True
         found = planner.paths(blocked)
         goals = np.array(list(found))
-        actions = planner.guide(np.repeat(blocked[None], len(goals), axis=0), goals)
-        for goal, row in zip(goals.tolist(), actions, strict=True):
+        worlds = np.repeat(blocked[None], len(goals), axis=0)
+        actions, moves = planner.guide(worlds, goals), planner.distances(worlds, goals)
+        for goal, row, distance in zip(goals.tolist(), actions, moves, strict=True):
             cell, walked = grid.START, []
             while row[cell] > 0:
                 walked.append(int(row[cell]))
@@ -76,6 +77,7 @@ def test_the_guide_leads_from_the_start_along_the_path_and_from_everywhere_by_as
             for start in np.flatnonzero(row > 0):
                 assert away[grid.move(start, row[start])] == away[start] - 1
             assert (np.isinf(away) == (row == planner.NO_LABEL)).all()
+            np.testing.assert_array_equal(distance, np.where(np.isinf(away), planner.FAR, away))
 
 
 def distances_to(blocked, goal):

@@ -45,7 +45,6 @@ console = Console(highlight=False)
 
 TRAIN, TEST = 15_000, 2_250
 TEST_SETS = ("test", "unseen")
-SIGHT = Looking()
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Row:
         parties: who share a secret training.
         teacher: the row whose encoders a fresh classifier keeps, of the same seed.
         drives: the row whose training, of the same seed, drives; None for one of this row's own.
-        careful: whether the robot uses what it alone knows, its own eyes among it (`rollout.Careful`).
+        eyes: how they are trained, of a robot that uses what it alone knows (`rollout.Careful`).
     """
 
     name: str
@@ -68,7 +67,7 @@ class Row:
     parties: int | None = None
     teacher: str = "plaintext"
     drives: str | None = None
-    careful: bool = False
+    eyes: Looking | None = None
 
 
 @dataclass
@@ -213,7 +212,7 @@ def _driver(
     """How it drives in a data set, and its training curve; of careful robots that of their eyes."""
     if row.method == "random":
         return lambda environments: random_walk(environments, seed), []
-    eyes, curve = _eyes(seed, options) if row.careful else (None, [])
+    eyes, curve = _eyes(row.eyes, seed, options) if row.eyes else (None, [])
     if row.method == "alone":
         return functools.partial(_drive_alone, eyes=eyes), curve
     folder = train(teachers[row.drives] if row.drives else row, seed, teachers, options)
@@ -225,11 +224,11 @@ def _driver(
     return drive, curve or trained.curve(folder)
 
 
-def _eyes(seed: int, options: Options) -> tuple[Any, list[dict]]:
+def _eyes(recipe: Looking, seed: int, options: Options) -> tuple[Any, list[dict]]:
     """Weights of a robot's sight, trained where they are not yet, and the curve of that."""
     folder = options.out / "models" / f"sight-{seed}"
     with bar(f"sight, seed {seed}") as report:
-        weights = trained.train_sight(world("train", options.out), SIGHT, seed, folder, report)
+        weights = trained.train_sight(world("train", options.out), recipe, seed, folder, report)
     return weights, trained.curve(folder)
 
 

@@ -61,7 +61,7 @@ def efficiency(results: Results, test_set: str) -> Table:
 
 
 def beyond(results: Results) -> Table:
-    """What a robot reaches that uses what it alone knows, beside the same trainings without, and alone."""
+    """What longer trainings reach, with robots that use what they alone know or without; and those alone."""
     header, rows = ["method", "seeds"], []
     for words in SETS.values():
         header += [f"{words}: {column}" for column in ("accuracy", "efficient", "lost", "alone")]
@@ -71,14 +71,14 @@ def beyond(results: Results) -> Table:
             rows.append((title(name), seeds(documents), *cells))
     return Table(
         "beyond",
-        "Past the paper: robots that use what they alone know",
+        "Past the paper: longer trainings, and robots that use what they alone know",
         tuple(header),
         rows,
-        f"{OVER_SEEDS}. The classifiers are the same. A careful robot uses its map, where it has been, and "
-        "what it sees right ahead with a network of its own; from the first answer that makes no sense to it "
-        "on, it plans for itself. Accuracy and efficient successes in percent. Lost: episodes of all seeds "
-        "that end without a crash away from the goal. Alone: robots that came to plan for themselves, in "
-        "percent (`ciphernav_jax.experiments.paper.beyond`).",
+        f"{OVER_SEEDS}. A careful robot uses its map, where it has been, and what it sees straight ahead "
+        "with a network of its own; from the first answer that makes no sense to it on, it plans for itself. "
+        "Accuracy and efficient successes in percent. Lost: episodes of all seeds that end without a crash "
+        "away from the goal. Alone: robots that came to plan for themselves, in percent "
+        "(`ciphernav_jax.experiments.paper.beyond`).",
         made_by(results, BEYOND),
     )
 

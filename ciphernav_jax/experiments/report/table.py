@@ -23,22 +23,29 @@ ROWS = (
 """Of the tables of navigation, in their order."""
 RECIPES = "paper-recipe"
 """Beginning of the names of rows that follow these."""
-BEYOND = ("secret-2", "secret-5", "plaintext-classifier", "beyond-2", "beyond-5", "beyond-plaintext", "alone")
-"""Rows of the table of careful robots: those that these share their trainings with, and they themselves."""
+BEYOND = (
+    *("secret-2", "longer-2", "beyond-2"),
+    *("secret-5", "longer-5", "beyond-5"),
+    *("plaintext-classifier", "longer-plaintext", "beyond-plaintext"),
+    "alone",
+)
+"""Of the table past the paper: what it goes past, trained longer, and with careful robots on that."""
 CHEAP = ("secret-2", "secret-5", "fewest-2", "fewest-5")
 """Trainings whose cost must be known; that of all others with secrets is shown too."""
 SETS = {"test": "independent test set", "unseen": "unseen layouts"}
 TITLES = {
     "fewest": "fewest steps",
-    "beyond": "careful robot",
-    "beyond-plaintext": "Plaintext, careful robot",
+    "longer": "trained longer",
+    "longer-plaintext": "Plaintext, trained longer",
+    "beyond": "trained longer, careful robot",
+    "beyond-plaintext": "Plaintext, trained longer, careful robot",
     "alone": "Careful robot alone, nobody answers",
     "plaintext-actions-alone": "Plaintext, from actions alone",
     "paper-recipe-samples": "Paper's recipe, 500 samples a step",
     "paper-recipe-environments": "Paper's recipe, 500 environments a step",
     "paper-recipe-secret": "paper's recipe",
 }
-SCRIPTS = {"fewest": "fewest_steps", "beyond": "beyond", "alone": "beyond"}
+SCRIPTS = {"fewest": "fewest_steps", "longer": "beyond", "beyond": "beyond", "alone": "beyond"}
 """In `experiments.paper`, of rows that `accuracy` does not make."""
 OVER_SEEDS = "Ours: mean ± sample standard deviation over seeds"
 
