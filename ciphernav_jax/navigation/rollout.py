@@ -134,9 +134,9 @@ class Careful:
         answers = self._policy(step, cells, headings)
         arrived = cells == self._goal
 
-        following = move(cells, answers).astype(np.int64)
+        following = move(cells, answers).astype(np.int64)  # its own cell, where it has been, if told to stop
         onward = distances(self._blocked | self._been, self._goal)[self._every, following]
-        sensible = (answers != STOP) & (following >= 0) & (onward < moves_left)
+        sensible = (following >= 0) & (onward < moves_left)
         self.alone |= ~arrived & ~sensible
 
         planned = guide(self._blocked, self._goal)[self._every, cells].astype(np.int64)
