@@ -286,7 +286,7 @@ def test_rows_that_are_missing_are_named(loaded):
     missing = driving.accuracy(loaded, "test").missing
     assert "--rows random first-person" in missing[0]
     assert "map-only" not in " ".join(missing)
-    assert missing[1].endswith("--rows plaintext-actions-alone secret-3 secret-9 --seeds 0")
+    assert missing[1].endswith("--rows secret-3 secret-9 --seeds 0")
 
 
 def test_lengths_are_of_all_seeds_together(loaded):
