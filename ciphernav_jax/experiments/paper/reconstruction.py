@@ -2,7 +2,7 @@
 
 The paper: chance 50 %, on shares 49.7 %, on plaintext features 93.6 %.
 
-    python -m ciphernav_jax.experiments.paper.reconstruction      # half an hour a seed on two cores
+    python -m ciphernav_jax.experiments.paper.reconstruction      # a quarter of an hour a seed on two cores
 
 A camera's label is whether an obstacle stands in its lane. Training and test environments are halved between
 the two labels, so that chance is 50 %. For each row, camera and attacker (`attack`) the file has hits and
