@@ -9,6 +9,7 @@ import pytest
 
 from ciphernav_jax.experiments.paper import accuracy, beyond, fewest_steps, paper_recipe, runs
 from ciphernav_jax.experiments.paper.runs import Options, Row
+from ciphernav_jax.experiments.report import table
 from ciphernav_jax.navigation import metrics
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.plain import EndToEnd
@@ -86,6 +87,11 @@ def test_names_are_unique_and_a_wrong_one_is_answered_with_those_there_are(monke
     monkeypatch.setattr("sys.argv", ["accuracy", "--rows", "secret-7"])
     with pytest.raises(ValueError, match="the rows are random, map-only"):
         runs.script(accuracy.__doc__, accuracy.ROWS, runs.RowOptions())
+
+
+def test_the_report_asks_for_rows_that_the_scripts_make():
+    assert {*table.ROWS, *table.BEYOND, *table.CHEAP} <= {row.name for row in ROWS}
+    assert table.ONE_SEED == accuracy.ONE_SEED
 
 
 def test_the_committed_results_are_of_the_rows_as_they_are():

@@ -1,5 +1,7 @@
 """A small Obstacle World without a renderer: a view is five bars that show the obstacles of a lane."""
 
+from collections.abc import Iterator
+
 import jax
 import numpy as np
 import pytest
@@ -26,13 +28,14 @@ class Album:
         return np.broadcast_to(row[:, None, :, None], (len(bars), 45, 60, 3)).copy()
 
 
+def line(walls: np.ndarray, cell: int, heading: int) -> Iterator[int]:
+    """The cells straight ahead of a cell, up to a wall or the edge; walls are bool[25]."""
+    while (cell := int(move(cell, heading + 1))) >= 0 and not walls[cell]:
+        yield cell
+
+
 def ahead(cell: int, heading: int, drawn: scenario.Scenario) -> tuple:
-    seen = []
-    while len(seen) < SIDE:
-        cell = int(move(cell, heading + 1))
-        if cell < 0 or drawn.walls[cell]:
-            break
-        seen.append(bool(drawn.obstacle_cells[cell]))
+    seen = [bool(drawn.obstacle_cells[there]) for there in line(drawn.walls, cell, heading)]
     return tuple(seen + [False] * (SIDE - len(seen)))
 
 
@@ -73,12 +76,9 @@ def perfect_eyes(world: Dataset) -> np.ndarray:
     seen = np.zeros((*walls.shape, CELLS), bool)
     for env, cell in np.argwhere(~walls & ~world.obstacles).tolist():
         for heading in range(4):
-            there = int(move(cell, heading + 1))
-            while there >= 0 and not walls[env, there]:
-                if world.obstacles[env, there]:
-                    seen[env, cell, there] = True
-                    break
-                there = int(move(there, heading + 1))
+            obstacles = (there for there in line(walls[env], cell, heading) if world.obstacles[env, there])
+            if (nearest := next(obstacles, None)) is not None:
+                seen[env, cell, nearest] = True
     return seen
 
 

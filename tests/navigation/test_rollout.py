@@ -18,6 +18,11 @@ def script(*actions):
     return lambda step, cells, headings: np.full(len(cells), actions[step] if step < len(actions) else 1)
 
 
+def oracle(world):
+    """A policy that gives the right answers."""
+    return lambda step, cells, headings: np.maximum(world.actions[:, step], 0).astype(np.int64)
+
+
 @pytest.fixture
 def ring(world):
     """One environment without inner cells: goal in cell 2, an obstacle in cell 10."""
@@ -68,10 +73,7 @@ def test_the_path_is_recorded_up_to_the_crash(ring):
 
 
 def test_an_oracle_always_arrives_by_the_shortest_path(world):
-    def oracle(step, cells, headings):
-        return np.maximum(world.actions[:, step], 0).astype(np.int64)
-
-    episodes = rollout(world, oracle, start_headings(world, METHODS["plaintext"]))
+    episodes = rollout(world, oracle(world), start_headings(world, METHODS["plaintext"]))
     counts = overall(tally(world, episodes))
     assert counts["trials"] == counts["success"] == counts["efficient"] == len(world)
     np.testing.assert_array_equal(episodes.actions, world.actions)
@@ -97,9 +99,6 @@ def test_a_random_walk_never_crashes_and_succeeds_on_entering_the_goal(world):
     assert won.any()
     np.testing.assert_array_equal(last == world.goal, won)
     np.testing.assert_array_equal(random_walk(world, seed=0).actions, episodes.actions)
-
-
-UP, DOWN, LEFT, RIGHT = range(4)
 
 
 def careful(world, policy, eyes=None):
@@ -158,10 +157,7 @@ def test_a_careful_robot_whose_eyes_see_a_wall_of_obstacles_does_as_it_is_told(r
 
 
 def test_careful_robots_follow_every_right_answer(world):
-    def oracle(step, cells, headings):
-        return np.maximum(world.actions[:, step], 0).astype(np.int64)
-
-    robots, episodes = careful(world, oracle)
+    robots, episodes = careful(world, oracle(world))
     np.testing.assert_array_equal(episodes.actions, world.actions)
     assert not robots.alone.any()
 

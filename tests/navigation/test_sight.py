@@ -9,8 +9,8 @@ from ciphernav_jax.models import Sight
 from ciphernav_jax.navigation import sight, trained
 from ciphernav_jax.navigation.sight import Looking
 from ciphernav_jax.navigation.storage import Checkpoints, DamagedError
-from ciphernav_jax.world.grid import WALLS, move
-from tests.navigation.conftest import Killed, assert_same, killed_after_first, perfect_eyes, silent
+from ciphernav_jax.world.grid import WALLS
+from tests.navigation.conftest import Killed, assert_same, killed_after_first, line, perfect_eyes, silent
 
 RECIPE = Looking(steps=120, batch=200, chunk=60)
 
@@ -42,13 +42,9 @@ def test_whatever_it_answers_it_sees_nothing_in_or_behind_walls_nor_off_its_line
     weights["ahead"]["bias"] += 1
     found = sight.obstacles_in_sight(world, weights)
     for env, cell in np.ndindex(len(world), 25):
-        blocked = WALLS[world.layout[env]] | world.obstacles[env]
-        open_ = set()
-        for heading in range(4):
-            there = int(move(cell, heading + 1))
-            while there >= 0 and not WALLS[world.layout[env], there]:
-                open_.add(there)
-                there = int(move(there, heading + 1))
+        walls = WALLS[world.layout[env]]
+        blocked = walls | world.obstacles[env]
+        open_ = {there for heading in range(4) for there in line(walls, cell, heading)}
         assert set(np.flatnonzero(found[env, cell]).tolist()) == (set() if blocked[cell] else open_)
 
 
