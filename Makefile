@@ -1,8 +1,9 @@
-.PHONY: help setup demo test lint
+.PHONY: help setup demo test test-newest lint
 
 help:
 	@echo 'make demo   the whole job, small: world, training, secret training, navigation, table (out/demo/)'
 	@echo 'make test   the tests'
+	@echo 'make test-newest   those of the engine again, on the newest JAX'
 	@echo 'make lint   ruff and pyright'
 	@echo 'All of them first make .venv and install what is needed (scripts/setup).'
 
@@ -14,6 +15,9 @@ demo: setup
 
 test: setup
 	.venv/bin/python -m pytest -n 2 --dist loadfile
+
+test-newest:
+	@scripts/test-newest
 
 lint: setup
 	.venv/bin/ruff check .

@@ -73,7 +73,10 @@ FAMILIES = {
         Example("slice", "lax.slice(x, (8,), (16,))"),
         Example("split", "jnp.split(x, 2)[0]"),
         Example("squeeze", "jnp.squeeze(x[None])"),
+        Example("stack", "jnp.stack([x, y])"),
+        Example("tile", "jnp.tile(x, 3)"),
         Example("transpose", "a.T"),
+        Example("unstack", "jnp.unstack(a)[0]"),
     ),
     "Linear: local": (
         Example("add", "x + y"),

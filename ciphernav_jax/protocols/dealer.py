@@ -18,10 +18,10 @@ from typing import Any, NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.extend.core import get_opaque_trace_state
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
+from ciphernav_jax.jax_private import get_opaque_trace_state
 from ciphernav_jax.protocols import sharing
 from ciphernav_jax.ring import bits
 from ciphernav_jax.ring.linear import DimensionNumbers

@@ -3,16 +3,7 @@
 import re
 from typing import Any
 
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn
-
-# Primitives that only wrap a jaxpr, and the parameter that holds it.
-INLINED = {
-    "jit": "jaxpr",
-    "closed_call": "call_jaxpr",
-    "custom_jvp_call": "call_jaxpr",
-    "custom_vjp_call": "call_jaxpr",
-    "remat2": "jaxpr",
-}
+from ciphernav_jax.jax_private import INLINED, ClosedJaxpr, Jaxpr, JaxprEqn, name_stack
 
 
 def opened_up(x: Jaxpr | ClosedJaxpr) -> tuple[Jaxpr, list[Any]]:
@@ -30,7 +21,7 @@ def names(eqn: JaxprEqn, outside: str = "") -> str:
     """The `jax.named_scope`s of an equation, from the outermost in. A jaxpr that is a parameter of an
     equation begins its names anew; `outside` are those of that equation.
     """
-    return f"{outside}/{eqn.source_info.name_stack}"
+    return f"{outside}/{name_stack(eqn)}"
 
 
 def labels(stack: str, kind: str) -> list[str]:

@@ -12,15 +12,12 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.extend import source_info_util
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 
+from ciphernav_jax.jax_private import GATHER, SUM, ClosedJaxpr, Jaxpr, JaxprEqn, Literal, place
 from ciphernav_jax.protocols import party
 from ciphernav_jax.protocols.jaxprs import innermost, labels, names, opened_up, wrapped
 
 # Each collective of `party`, named by its scope, and the primitives that may carry it.
-SUM = frozenset({"psum", "psum_invariant"})
-GATHER = frozenset({"all_gather", "all_gather_invariant"})
 COLLECTIVES = {
     party.open_sum.__name__: SUM,
     party.open_xor.__name__: GATHER,
@@ -107,7 +104,7 @@ def collective(eqn: JaxprEqn, stack: str) -> str | None:
     if name in COLLECTIVES.get(scope, ()) and eqn.params.get("axis_index_groups") is None:
         return scope
     raise ValueError(
-        f"a party's program leaves the party by `{name}`, at {source_info_util.summarize(eqn.source_info)}. "
+        f"a party's program leaves the party by `{name}`, at {place(eqn)}. "
         f"Parties reach each other by {', '.join(COLLECTIVES)} of ciphernav_jax.protocols.party alone."
     )
 
@@ -193,7 +190,7 @@ def openings_within(eqn: JaxprEqn, stack: str) -> list[Opening]:
     if any(of(inner) for inner in inner_jaxprs(eqn)):
         raise ValueError(
             f"a party's program opens something inside `{eqn.primitive.name}`, at "
-            f"{source_info_util.summarize(eqn.source_info)}, where rounds cannot be counted. "
+            f"{place(eqn)}, where rounds cannot be counted. "
             "Open it outside, or in lax.scan, lax.cond or lax.while_loop."
         )
     return []

@@ -6,10 +6,9 @@ from typing import Any
 import jax
 from jax import Array, lax
 from jax import numpy as jnp
-from jax.extend import source_info_util
-from jax.extend.core import Jaxpr, JaxprEqn, Literal
 from jaxtyping import UInt64
 
+from ciphernav_jax.jax_private import Jaxpr, JaxprEqn, Literal, bind, place, scan_parts
 from ciphernav_jax.protocols import party
 from ciphernav_jax.protocols.dealer import deal
 from ciphernav_jax.protocols.jaxprs import names, opened_up, wrapped
@@ -91,8 +90,7 @@ def _evaluate(jaxpr: Jaxpr, consts: list[Any], args: list[Any], stack: str) -> R
         elif any(not opening.ideal for opening in openings_within(eqn, inside)):
             results, more_sent, more_opened = _scan(eqn, operands, inside)
         else:
-            results = eqn.primitive.bind(*operands, **eqn.primitive.get_bind_params(eqn.params))
-            results = results if eqn.primitive.multiple_results else [results]
+            results = bind(eqn, operands)
             more_sent, more_opened = _message(collective(eqn, inside), operands, results)
         sent += more_sent
         opened += more_opened
@@ -113,21 +111,21 @@ def _scan(eqn: JaxprEqn, operands: list[Any], stack: str) -> Recorded:
     if eqn.primitive.name != "scan":
         raise NotImplementedError(
             f"cannot record what is opened inside `{eqn.primitive.name}`, at "
-            f"{source_info_util.summarize(eqn.source_info)}: how much is sent depends on public values that "
+            f"{place(eqn)}: how much is sent depends on public values that "
             "are known only when it runs. Use lax.scan, or record the branch or the body by itself."
         )
     params = eqn.params
     jaxpr, consts = opened_up(params["jaxpr"])
-    first, n = params["num_consts"], params["num_carry"]
+    fixed, start, xs = scan_parts(params, operands)
 
     def step(carry, x):
-        results, sent, opened = _evaluate(jaxpr, consts, [*operands[:first], *carry, *x], stack)
-        return results[:n], (results[n:], sent, opened)
+        results, sent, opened = _evaluate(jaxpr, consts, [*fixed, *carry, *x], stack)
+        return results[: len(start)], (results[len(start) :], sent, opened)
 
     carry, (ys, sent, opened) = lax.scan(
         step,
-        operands[first : first + n],
-        operands[first + n :],
+        start,
+        xs,
         length=params["length"],
         reverse=params["reverse"],
         unroll=params["unroll"],

@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.core import Tracer
 from jaxtyping import ArrayLike, Bool, Float, Int, UInt64
+
+from ciphernav_jax.jax_private import Tracer
 
 WORD = 64
 

@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.core import Tracer
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
+from ciphernav_jax.jax_private import Tracer
 from ciphernav_jax.protocols import Protocol, sharing
 
 

@@ -24,8 +24,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
+from ciphernav_jax.jax_private import ClosedJaxpr, jaxpr_as_fun, scan_parts
 from ciphernav_jax.protocols.dealer import Dealer, Plan, Planner, Supply
 from ciphernav_jax.protocols.party import AXIS
 from ciphernav_jax.protocols.repeat import OnCall, take_on_call, take_repeated
@@ -159,17 +159,25 @@ def scan(
     jaxpr: ClosedJaxpr,
     length: int,
     reverse: bool,
-    num_consts: int,
-    num_carry: int,
-    **_: Any,
+    **params: Any,
 ) -> list[Operand]:
-    """`lax.scan`. The randomness of all iterations is dealt before the program starts."""
-    settled = _settled(operands)
-    consts, start, xs = (
-        settled[:num_consts],
-        settled[num_consts : num_consts + num_carry],
-        settled[num_consts + num_carry :],
-    )
+    """`lax.scan`."""
+    parts = scan_parts(params, _settled(operands))
+    return _counted(evaluate, context, jaxpr, *parts, length=length, reverse=reverse)
+
+
+def _counted(
+    evaluate: Evaluate,
+    context: Context,
+    jaxpr: ClosedJaxpr,
+    consts: Sequence[Operand],
+    start: Sequence[Operand],
+    xs: Sequence[Operand] = (),
+    *,
+    length: int,
+    reverse: bool = False,
+) -> list[Operand]:
+    """A loop of a known length. The randomness of all iterations is dealt before the program starts."""
     body = _Body(evaluate, context, jaxpr, consts, start, xs)
     supply = take_repeated(context.dealer, body.plan, length)
     carry, ys = lax.scan(
@@ -216,17 +224,7 @@ def while_loop(
     public += [x for x in (*cond_consts, *consts) if not isinstance(x, Value)]
     if all(isinstance(x, np.ndarray) for x in public):
         length = _iterations(cond_jaxpr, body_jaxpr, cond_consts, consts, start)
-        return scan(
-            evaluate,
-            context,
-            *consts,
-            *start,
-            jaxpr=body_jaxpr,
-            length=length,
-            reverse=False,
-            num_consts=body_nconsts,
-            num_carry=len(start),
-        )
+        return _counted(evaluate, context, body_jaxpr, consts, start, length=length)
     seed = context.dealer.take(OnCall(body.plan, lax.axis_size(AXIS)))["seed"]
 
     def iterate(state):

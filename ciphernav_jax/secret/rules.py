@@ -14,9 +14,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.extend.core import Primitive
 
 from ciphernav_jax import ring
+from ciphernav_jax.jax_private import Primitive
 from ciphernav_jax.protocols.dealer import Zero
 from ciphernav_jax.secret.value import (
     Context,
@@ -139,7 +139,10 @@ for _primitive in (
     lax.slice_p,
     lax.split_p,
     lax.squeeze_p,
+    lax.stack_p,
+    lax.tile_p,
     lax.transpose_p,
+    lax.unstack_p,
 ):
     _moves(_primitive)
 _moves(lax.dynamic_slice_p, data_operands=1)

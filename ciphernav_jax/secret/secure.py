@@ -14,11 +14,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.core import Tracer
-from jax.extend import source_info_util
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 from jax.sharding import Mesh
 
+from ciphernav_jax import jax_private
+from ciphernav_jax.jax_private import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Tracer
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.jaxprs import wrapped
 from ciphernav_jax.protocols.run import run
@@ -247,13 +246,10 @@ def _evaluate_closed(context: Context, jaxpr: ClosedJaxpr, args: list[Any]) -> l
 
 def _evaluate_public(eqn: JaxprEqn, operands: list[Any]) -> list[Any]:
     """A step on public values alone; what is known while tracing stays known, as a numpy array."""
-    bind = partial(eqn.primitive.bind, *operands, **eqn.primitive.get_bind_params(eqn.params))
     if all(isinstance(x, np.ndarray) for x in operands):
         with jax.ensure_compile_time_eval():
-            result = jax.tree.map(_known, bind())
-    else:
-        result = bind()
-    return list(result) if eqn.primitive.multiple_results else [result]
+            return jax.tree.map(_known, jax_private.bind(eqn, operands))
+    return jax_private.bind(eqn, operands)
 
 
 def _known(x: Any) -> Any:
@@ -276,9 +272,9 @@ def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
         with jax.named_scope(f"primitive:{name}"):
             return rule(context, *operands, **eqn.params)
     except Unsupported as problem:
-        place = source_info_util.summarize(eqn.source_info)
         raise NotImplementedError(
-            f"cannot evaluate `{name}` on secrets: {problem}. It comes from {place}. {_way_out(name)}"
+            f"cannot evaluate `{name}` on secrets: {problem}. It comes from {jax_private.place(eqn)}. "
+            f"{_way_out(name)}"
         ) from None
 
 

@@ -13,6 +13,8 @@ from ciphernav_jax.experiments import primitives
 from ciphernav_jax.secret.loops import LOOPS
 from ciphernav_jax.secret.rules import RULES
 
+pytestmark = pytest.mark.newest_jax
+
 PAGE = Path(__file__).parents[2] / "docs" / "primitives.md"
 UNIT = 2.0**-20
 EXAMPLES = {f"{example.primitive}: {example.expression}": example for example in primitives.examples()}

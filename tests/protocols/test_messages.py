@@ -13,6 +13,8 @@ from ciphernav_jax.protocols.messages import depth, first_uses, openings
 from ciphernav_jax.protocols.party import AXIS, ideal_sum, labelled, open_shares, open_sum, open_xor
 from ciphernav_jax.protocols.run import one_partys_jaxpr
 
+pytestmark = pytest.mark.newest_jax
+
 PARTIES = 3
 
 

@@ -11,6 +11,8 @@ from ciphernav_jax.protocols.repeat import OnCall, take_on_call, take_repeated
 from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring import bits
 
+pytestmark = pytest.mark.newest_jax
+
 TIMES = 4
 
 

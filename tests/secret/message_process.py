@@ -18,9 +18,9 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Literal
 
 import ciphernav_jax as cn
+from ciphernav_jax.jax_private import Literal
 from ciphernav_jax.protocols.dealer import deal
 from ciphernav_jax.protocols.run import one_partys_jaxpr, online, plan
 

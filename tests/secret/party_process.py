@@ -75,5 +75,6 @@ def main() -> None:
 
 if __name__ == "__main__":
     if sys.argv[2] == "devices":
-        os.environ["XLA_FLAGS"] = f"--xla_force_host_platform_device_count={PARTIES}"
+        flags = os.environ.get("XLA_FLAGS", "")
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count={PARTIES}"
     main()

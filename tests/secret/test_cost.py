@@ -21,6 +21,8 @@ from ciphernav_jax.secret.cost import Cost
 
 from .message_process import PARTIES, calls
 
+pytestmark = pytest.mark.newest_jax
+
 ROOT = Path(__file__).parents[2]
 ROWS, WIDTH, HIDDEN, OUT = 9, 6, 8, 3
 

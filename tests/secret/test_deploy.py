@@ -14,6 +14,8 @@ from ciphernav_jax.protocols import party
 
 from .party_process import PARTIES, everything, inputs
 
+pytestmark = pytest.mark.newest_jax
+
 ROOT = Path(__file__).parents[2]
 TIME_LIMIT = 240
 

@@ -15,6 +15,8 @@ from jax import lax
 
 import ciphernav_jax as cn
 
+pytestmark = pytest.mark.newest_jax
+
 UNIT = 2.0**-20
 X = np.round(np.random.default_rng(0).uniform(-1, 1, (4, 3)) * 256) / 256
 N = 3  # a public number that only the run knows

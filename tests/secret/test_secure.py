@@ -14,6 +14,8 @@ import pytest
 
 import ciphernav_jax as cn
 
+pytestmark = pytest.mark.newest_jax
+
 UNIT = 2.0**-20
 LARGEST = 4.0
 

@@ -9,6 +9,8 @@ import pytest
 
 import ciphernav_jax as cn
 
+pytestmark = pytest.mark.newest_jax
+
 UNIT = 2.0**-20
 KEY = jax.random.key(7)
 RNG = np.random.default_rng(0)

@@ -23,6 +23,8 @@ from ciphernav_jax.protocols.record import run_recorded
 from ..protocols.simulated import joint_uniformity
 from .message_process import calls
 
+pytestmark = pytest.mark.newest_jax
+
 PARTIES = 3
 RUNS = 1000
 NEVER = 1e-9  # a p-value below it is a fault: there are some thousand tests

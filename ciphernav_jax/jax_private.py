@@ -1,0 +1,79 @@
+"""What JAX does not promise to keep: whatever the package needs beyond JAX's public face, at this address
+alone, for the oldest JAX that is supported and the newest.
+
+A test reads the sources for strays.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+# JAX keeps `Tracer` for `isinstance`: whether a value is known while tracing.
+from jax.core import Tracer
+from jax.extend import source_info_util
+
+# The language that programs are read in. Since jax 0.11 `Jaxpr` and `ClosedJaxpr` are one class.
+# `get_opaque_trace_state` differs from one trace to another: what one body was dealt is not taken in another.
+from jax.extend.core import (
+    ClosedJaxpr,
+    Jaxpr,
+    JaxprEqn,
+    Literal,
+    Primitive,
+    get_opaque_trace_state,
+    jaxpr_as_fun,
+)
+
+__all__ = [
+    "ClosedJaxpr",
+    "Jaxpr",
+    "JaxprEqn",
+    "Literal",
+    "Primitive",
+    "Tracer",
+    "bind",
+    "get_opaque_trace_state",
+    "jaxpr_as_fun",
+    "name_stack",
+    "place",
+    "scan_parts",
+]
+
+# Under `shard_map` that checks what varies, a collective has a primitive of another name.
+SUM = frozenset({"psum", "psum_invariant"})
+GATHER = frozenset({"all_gather", "all_gather_invariant"})
+
+# Primitives that only wrap a jaxpr, and the parameter that holds it.
+INLINED = {
+    "jit": "jaxpr",
+    "closed_call": "call_jaxpr",
+    "custom_jvp_call": "call_jaxpr",
+    "custom_vjp_call": "call_jaxpr",
+    "remat2": "jaxpr",
+}
+
+
+def place(eqn: JaxprEqn) -> str:
+    """Where the user wrote it: file, line, function."""
+    return source_info_util.summarize(eqn.source_info)
+
+
+def name_stack(eqn: JaxprEqn) -> str:
+    """The `jax.named_scope`s around it within its jaxpr, with the transformations that wrap them."""
+    return str(eqn.source_info.name_stack)
+
+
+def bind(eqn: JaxprEqn, operands: Sequence[Any]) -> list[Any]:
+    """Applies the equation to other operands; its results, also where it has one."""
+    # Some primitives are bound with functions, and hold jaxprs of them.
+    results = eqn.primitive.bind(*operands, **eqn.primitive.get_bind_params(eqn.params))
+    return list(results) if eqn.primitive.multiple_results else [results]
+
+
+def scan_parts(params: dict[str, Any], operands: Sequence[Any]) -> tuple[list[Any], list[Any], list[Any]]:
+    """A scan's operands as constants, first carry and inputs, from the parameters of its primitive."""
+    if "ft_in" in params:  # jax 0.12: the three parts as a tree
+        consts, carry, _ = map(len, params["ft_in"].unpack())
+    else:
+        consts, carry = params["num_consts"], params["num_carry"]
+    operands = list(operands)
+    return operands[:consts], operands[consts : consts + carry], operands[consts + carry :]

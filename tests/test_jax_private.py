@@ -1,0 +1,76 @@
+"""What JAX does not promise to keep has one address, and means the same on every JAX that is supported."""
+
+import re
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import pytest
+from jax import lax
+
+from ciphernav_jax import jax_private
+
+PACKAGE = Path(jax_private.__file__).parent
+PRIVATE = re.compile(
+    r"\bjax\.(_src|core|extend|interpreters)\b|\bfrom jax import .*\b(core|extend|interpreters)\b"
+)
+
+pytestmark = pytest.mark.newest_jax
+
+
+def test_private_parts_of_jax_are_named_in_one_module_alone():
+    strays = {
+        str(path.relative_to(PACKAGE)): line
+        for path in PACKAGE.rglob("*.py")
+        for line in path.read_text().splitlines()
+        if PRIVATE.search(line)
+    }
+    assert set(strays) == {"jax_private.py"}, strays
+
+
+def equation(function, *args):
+    (found,) = jax.make_jaxpr(function)(*args).eqns
+    return found
+
+
+def test_a_scans_operands_are_told_apart():
+    def scanned(a, b, start, xs):
+        return lax.scan(lambda carry, x: (carry * a + b, carry * x), start, xs)[0]
+
+    eqn = equation(scanned, 1.0, 2.0, 3.0, jnp.ones(5))
+    assert jax_private.scan_parts(eqn.params, "abcx") == (["a", "b"], ["c"], ["x"])
+
+
+@pytest.mark.parametrize(
+    ("function", "count"),
+    [
+        (jnp.sin, 1),
+        (lambda x: lax.split(x, (1, 3)), 2),
+        (jax.jit(lambda x: (x, x + 1, x * 2)), 3),
+        (jax.nn.relu, 1),  # holds a jaxpr, and is bound with a function
+        (lambda x: lax.while_loop(lambda x: x[0] < 9, lambda x: x + 1, x), 1),
+    ],
+)
+def test_an_equation_is_bound_to_other_operands(function, count):
+    x = jnp.arange(4.0)
+    results = jax_private.bind(equation(function, jnp.zeros(4)), [x])
+    assert len(results) == count
+    assert jnp.array_equal(jnp.concatenate(results), jnp.concatenate(jax.tree.leaves(function(x))))
+
+
+def test_an_equation_says_where_it_was_written():
+    with jax.named_scope("outside"):
+        eqn = equation(lambda x: jax.named_scope("inside")(jnp.sin)(x), 1.0)
+    assert "inside" in jax_private.name_stack(eqn)
+    assert Path(__file__).name in jax_private.place(eqn)
+
+
+def test_a_body_has_a_trace_of_its_own():
+    seen = []
+
+    def body(carry, _):
+        seen.append(jax_private.get_opaque_trace_state())
+        return carry, None
+
+    lax.scan(body, 0.0, None, length=2)
+    assert seen[0] != jax_private.get_opaque_trace_state()
