@@ -7,6 +7,7 @@ from rich.console import Console
 
 from ciphernav_jax.cli.options import Evaluate, Train
 from ciphernav_jax.experiments import variants
+from ciphernav_jax.files import write_json
 from ciphernav_jax.navigation import metrics, trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.methods import METHODS
@@ -14,7 +15,6 @@ from ciphernav_jax.navigation.parties import cast, statement
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.progress import bar
 from ciphernav_jax.navigation.rollout import random_walk
-from ciphernav_jax.navigation.storage import write_json
 from ciphernav_jax.navigation.trained import Trained
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.world import dataset

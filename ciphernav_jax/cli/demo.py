@@ -15,13 +15,13 @@ from pathlib import Path
 from rich.console import Console
 
 from ciphernav_jax.cli.options import Demo
+from ciphernav_jax.files import write_json, write_text
 from ciphernav_jax.navigation import metrics, pictures, record, trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.parties import cast, statement
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.progress import bar
 from ciphernav_jax.navigation.rollout import Episodes, random_walk
-from ciphernav_jax.navigation.storage import write_json, write_text
 from ciphernav_jax.world import dataset
 from ciphernav_jax.world.dataset import Dataset
 

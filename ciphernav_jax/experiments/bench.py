@@ -20,8 +20,8 @@ from ciphernav_jax.experiments.growth import Turns
 from ciphernav_jax.experiments.measure import Order
 from ciphernav_jax.experiments.tables import ms
 from ciphernav_jax.experiments.work import Sizes, works
+from ciphernav_jax.files import write_json, write_text
 from ciphernav_jax.navigation import record
-from ciphernav_jax.navigation.storage import write_json, write_text
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.sharing import require_parties
 

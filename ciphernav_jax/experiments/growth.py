@@ -16,7 +16,7 @@ import numpy as np
 from ciphernav_jax.experiments import floor
 from ciphernav_jax.experiments.measure import compiled, shared, summary, timed
 from ciphernav_jax.experiments.work import Sizes, works
-from ciphernav_jax.navigation.storage import read_json, write_json
+from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.protocols import Protocol
 
 

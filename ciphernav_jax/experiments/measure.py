@@ -18,7 +18,7 @@ from jax import Array
 
 from ciphernav_jax.experiments import floor
 from ciphernav_jax.experiments.work import Sizes, Work, error, works
-from ciphernav_jax.navigation.storage import read_json, write_json
+from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import reveal, share
 

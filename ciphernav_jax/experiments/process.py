@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ciphernav_jax.navigation.storage import read_json, write_json
+from ciphernav_jax.files import read_json, write_json
 
 
 def run(module: ModuleType, order: dict[str, Any], title: str, cache: str = "") -> dict[str, Any]:

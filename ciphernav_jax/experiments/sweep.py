@@ -18,8 +18,8 @@ from rich.table import Table
 from ciphernav_jax.experiments import pictures, process, tables, trial
 from ciphernav_jax.experiments.tables import Cells, ms
 from ciphernav_jax.experiments.trial import Effort, Trial
+from ciphernav_jax.files import read_json, write_json, write_text
 from ciphernav_jax.navigation import record
-from ciphernav_jax.navigation.storage import read_json, write_json, write_text
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.sharing import require_parties
 

@@ -23,7 +23,7 @@ from ciphernav_jax.experiments.training import (
     training,
 )
 from ciphernav_jax.experiments.work import Sizes, forward
-from ciphernav_jax.navigation.storage import read_json, write_json
+from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import LAN, WAN, Cost, cost, reveal, secure, share
 

@@ -7,7 +7,7 @@
 - `plain`: encoders and classifier, end to end, in plaintext.
 - `classifier`: a fresh classifier on frozen features, in plaintext or under secret sharing.
 - `sight`: what a robot sees for itself, straight ahead.
-- `storage`: checkpoints and files that survive a kill.
+- `storage`: pytrees in files, and checkpoints that survive a kill.
 - `rollout`: closed-loop episodes, with any policy.
 - `policies`: classifiers, plain and secret, as policies.
 - `trained`: training folders, and driving with what they hold.

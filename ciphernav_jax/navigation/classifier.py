@@ -24,7 +24,7 @@ from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.parties import SLOTS, cast
 from ciphernav_jax.navigation.plain import Report
 from ciphernav_jax.navigation.samples import Samples
-from ciphernav_jax.navigation.storage import Checkpoints
+from ciphernav_jax.navigation.storage import Checkpoint
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import audit, reveal, secure, share
 
@@ -108,7 +108,7 @@ def train(
     samples: Samples,
     recipe: FreshClassifier,
     seed: int,
-    checkpoints: Checkpoints,
+    checkpoint: Checkpoint,
     report: Report,
     parties: int | None = None,
     protocol: Protocol | None = None,
@@ -120,7 +120,7 @@ def train(
         samples: the training samples.
         recipe: how to train.
         seed: of the weights, the batches, the shares and the protocols' randomness.
-        checkpoints: one is kept, after the latest chunk of steps; of a secret it holds the shares.
+        checkpoint: kept after the latest chunk of steps; of a secret it holds the shares.
         report: called after each chunk.
         parties: how many share the secrets; None trains in plaintext.
         protocol: the variants; None for the default.
@@ -147,7 +147,7 @@ def train(
         state = share(weights_key, state, parties=parties, protocol=protocol)
         data = share_training_data(data_key, data, parties, protocol)
 
-    done, state, curve = checkpoints.restore(state)
+    done, state, curve = checkpoint.restore(state)
     compiled: dict[int, Any] = {}
     began = time.perf_counter()
     while done < recipe.steps:
@@ -177,7 +177,7 @@ def train(
             point |= dict(zip(("truncations", "failed"), map(int, truncations), strict=True))
         began, seconds = time.perf_counter(), time.perf_counter() - began
         curve = [*curve, point | timing | {"seconds": seconds}]
-        checkpoints.save(done, tuple(state), curve)
+        checkpoint.save(done, tuple(state), curve)
         report(done, recipe.steps, curve[-1])
     return state[0], curve
 

@@ -23,7 +23,7 @@ from ciphernav_jax.models.encoders import VIEW_FEATURES
 from ciphernav_jax.navigation.methods import Method
 from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.samples import Samples, training_samples
-from ciphernav_jax.navigation.storage import Checkpoints
+from ciphernav_jax.navigation.storage import Checkpoint
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import WALLS, map_code
 from ciphernav_jax.world.poses import LANES
@@ -130,7 +130,7 @@ def logits(navigator: Navigator, batch: Batch, method: Method) -> tuple[jax.Arra
 
 
 def train(
-    dataset: Dataset, method: Method, recipe: EndToEnd, seed: int, checkpoints: Checkpoints, report: Report
+    dataset: Dataset, method: Method, recipe: EndToEnd, seed: int, checkpoint: Checkpoint, report: Report
 ) -> tuple[Navigator, list[dict]]:
     """Train a navigator, or go on from the latest checkpoint: the result is the same to the bit.
 
@@ -139,7 +139,7 @@ def train(
         method: what the navigator sees.
         recipe: how to train.
         seed: of the initial weights and of the batches' order.
-        checkpoints: one is kept, after the latest epoch.
+        checkpoint: kept after the latest epoch.
         report: called after each epoch.
 
     Returns:
@@ -152,7 +152,7 @@ def train(
     params = {"navigator": navigator, "lanes": _lane_layer()}
     fresh = (params, optimiser(recipe, steps).init(params))
 
-    done, state, curve = checkpoints.restore(fresh)
+    done, state, curve = checkpoint.restore(fresh)
     for epoch in range(done, recipe.epochs):
         began = time.perf_counter()
         total, hits = 0.0, 0
@@ -166,7 +166,7 @@ def train(
             "seconds": time.perf_counter() - began,
         }
         curve = [*curve, point]
-        checkpoints.save(epoch + 1, state, curve)
+        checkpoint.save(epoch + 1, state, curve)
         report(epoch + 1, recipe.epochs, point)
     return nnx.merge(GRAPH, state[0]["navigator"]), curve
 

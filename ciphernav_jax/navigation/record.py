@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-PACKAGES = ("ciphernav_jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "numpy", "miniworld")
+PACKAGES = ("ciphernav_jax", "jax", "jaxlib", "flax", "optax", "numpy", "miniworld")
 
 
 def versions() -> dict[str, str]:

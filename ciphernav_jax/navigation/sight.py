@@ -19,7 +19,7 @@ from ciphernav_jax.models import Sight
 from ciphernav_jax.models.sight import REACH
 from ciphernav_jax.navigation import features
 from ciphernav_jax.navigation.plain import EndToEnd, Report, optimiser, updated
-from ciphernav_jax.navigation.storage import Checkpoints
+from ciphernav_jax.navigation.storage import Checkpoint
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import CELLS, RAYS, WALLS
 
@@ -44,7 +44,7 @@ def initial(seed: int) -> dict:
 
 
 def train(
-    dataset: Dataset, recipe: Looking, seed: int, checkpoints: Checkpoints, report: Report
+    dataset: Dataset, recipe: Looking, seed: int, checkpoint: Checkpoint, report: Report
 ) -> tuple[dict, list[dict]]:
     """Train a sight, or go on from the latest checkpoint: the same to the bit.
 
@@ -52,7 +52,7 @@ def train(
         dataset: the training environments.
         recipe: how to train.
         seed: of the weights and of the views' order.
-        checkpoints: one is kept, after the latest chunk of steps.
+        checkpoint: kept after the latest chunk of steps.
         report: called after each chunk.
 
     Returns:
@@ -61,7 +61,7 @@ def train(
     """
     views, obstacle = _examples(dataset)
     weights = initial(seed)
-    done, state, curve = checkpoints.restore((weights, optimiser(EndToEnd(), recipe.steps).init(weights)))
+    done, state, curve = checkpoint.restore((weights, optimiser(EndToEnd(), recipe.steps).init(weights)))
     while done < recipe.steps:
         began = time.perf_counter()
         total, right = 0.0, 0
@@ -80,7 +80,7 @@ def train(
             "seconds": time.perf_counter() - began,
         }
         curve = [*curve, point]
-        checkpoints.save(done, state, curve)
+        checkpoint.save(done, state, curve)
         report(done, recipe.steps, point)
     return state[0], curve
 

@@ -1,11 +1,12 @@
 """Training folders: how a training is begun, gone on with after a kill, finished, and read back.
 
-config.json   what is trained, how, and on what; a folder goes on only with the same
-checkpoints/  the latest state of the training
-model/        the result, once it is finished: encoders, scales and weights (of a secret, shares)
-curve.json    the training curve, once it is finished
+config.json     what is trained, how, and on what; a folder goes on only with the same
+checkpoint.npz  the latest state of the training
+model.npz       the result, once it is finished: encoders, scales and weights (of a secret, shares)
+curve.json      the training curve; it is written last, so that a folder that has it is finished
 
-Of a robot's sight, `model` holds the weights alone.
+Of a robot's sight, `model.npz` holds the weights alone. All are checked when they are read (`files`): a file
+of another training does not pass for this one's, and one that is missing is not replaced.
 """
 
 import hashlib
@@ -18,7 +19,8 @@ import numpy as np
 from flax import nnx
 from numpy.typing import NDArray
 
-from ciphernav_jax import __version__
+from ciphernav_jax import __version__, files
+from ciphernav_jax.files import DamagedError
 from ciphernav_jax.models import Navigator
 from ciphernav_jax.navigation import classifier, features, plain, sight
 from ciphernav_jax.navigation.classifier import FreshClassifier
@@ -30,7 +32,7 @@ from ciphernav_jax.navigation.policies import plain_policy, secret_policy
 from ciphernav_jax.navigation.rollout import Careful, Episodes, Policy, rollout
 from ciphernav_jax.navigation.samples import start_headings, training_samples
 from ciphernav_jax.navigation.sight import Looking
-from ciphernav_jax.navigation.storage import Checkpoints, DamagedError, read_json, write_json
+from ciphernav_jax.navigation.storage import Checkpoint, load_tree, save_tree
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import share
 from ciphernav_jax.world.dataset import Dataset
@@ -61,16 +63,18 @@ def train_end_to_end(
 
     Raises:
         DamagedError: the folder holds another training, or a damaged one.
+        BusyError: another process trains in the folder.
     """
     config = _config(name, None, seed, recipe, dataset)
-    if _begin(folder, config):
-        return load(folder)[1]
-    navigator, curve = plain.train(
-        dataset, METHODS[name], recipe, seed, Checkpoints(folder / "checkpoints"), report
-    )
-    parts = nnx.to_pure_dict(nnx.state(navigator, nnx.Param))
-    weights = parts.pop("classifier")
-    return _finish(folder, Trained(parts, features.unscaled(), weights), curve)
+    with files.claimed(folder):
+        if _begin(folder, config):
+            return load(folder)[1]
+        navigator, curve = plain.train(
+            dataset, METHODS[name], recipe, seed, _checkpoint(folder, config), report
+        )
+        parts = nnx.to_pure_dict(nnx.state(navigator, nnx.Param))
+        weights = parts.pop("classifier")
+        return _finish(folder, config, Trained(parts, features.unscaled(), weights), curve)
 
 
 def train_classifier(
@@ -98,6 +102,7 @@ def train_classifier(
     Raises:
         ValueError: fewer than two parties.
         DamagedError: the folder holds another training, or a damaged one.
+        BusyError: another process trains in the folder.
     """
     if parties is not None:
         cast(parties)
@@ -105,22 +110,23 @@ def train_classifier(
     config = _config(name, parties, seed, recipe, dataset) | {"encoders": _fingerprint(teacher.encoders)}
     if parties is not None:
         config["protocol"] = asdict(protocol or Protocol())
-    if _begin(folder, config):
-        return load(folder)[1]
-    samples = training_samples(dataset, sees(config), seed, recipe.errands, recipe.stray)
-    seen = encode(dataset, sees(config), teacher)
-    scales = features.fit_scales(seen, samples) if recipe.standardised else features.unscaled()
-    weights, curve = classifier.train(
-        features.standardise(seen, scales),
-        samples,
-        recipe,
-        seed,
-        Checkpoints(folder / "checkpoints"),
-        report,
-        parties,
-        protocol,
-    )
-    return _finish(folder, Trained(teacher.encoders, scales, weights), curve)
+    with files.claimed(folder):
+        if _begin(folder, config):
+            return load(folder)[1]
+        samples = training_samples(dataset, sees(config), seed, recipe.errands, recipe.stray)
+        seen = encode(dataset, sees(config), teacher)
+        scales = features.fit_scales(seen, samples) if recipe.standardised else features.unscaled()
+        weights, curve = classifier.train(
+            features.standardise(seen, scales),
+            samples,
+            recipe,
+            seed,
+            _checkpoint(folder, config),
+            report,
+            parties,
+            protocol,
+        )
+        return _finish(folder, config, Trained(teacher.encoders, scales, weights), curve)
 
 
 def train_sight(dataset: Dataset, recipe: Looking, seed: int, folder: Path, report: Report) -> Any:
@@ -131,11 +137,14 @@ def train_sight(dataset: Dataset, recipe: Looking, seed: int, folder: Path, repo
 
     Raises:
         DamagedError: the folder holds another training, or a damaged one.
+        BusyError: another process trains in the folder.
     """
-    if _begin(folder, _config("sight", None, seed, recipe, dataset)):
-        return Checkpoints(folder / "model").restore(sight.initial(0))[1]
-    weights, curve = sight.train(dataset, recipe, seed, Checkpoints(folder / "checkpoints"), report)
-    return _finish(folder, weights, curve)
+    config = _config("sight", None, seed, recipe, dataset)
+    with files.claimed(folder):
+        if _begin(folder, config):
+            return _result(folder, config, sight.initial(0))
+        weights, curve = sight.train(dataset, recipe, seed, _checkpoint(folder, config), report)
+        return _finish(folder, config, weights, curve)
 
 
 def load(folder: Path) -> tuple[dict, Trained]:
@@ -144,20 +153,18 @@ def load(folder: Path) -> tuple[dict, Trained]:
     Raises:
         DamagedError: the folder is not a training folder, is not finished, or is damaged.
     """
-    config = read_json(folder / "config.json")
-    if not isinstance(config, dict) or config.get("kind") != KIND:
-        raise DamagedError(f"{folder} is no training folder: its config.json says something else")
+    config = _read_config(folder)
     if not (folder / "curve.json").exists():
         raise DamagedError(
             f"the training in {folder} is not finished; the same `ciphernav train` goes on with it"
         )
-    _, trained, _ = Checkpoints(folder / "model").restore(_template(config))
-    return config, trained
+    return config, _result(folder, config, _template(config))
 
 
 def curve(folder: Path) -> list[dict]:
     """The training curve of a finished training."""
-    return read_json(folder / "curve.json")
+    of = files.canonical(_read_config(folder))
+    return files.read_json(folder / "curve.json", of, _remedy(folder))["points"]
 
 
 def sees(config: dict) -> Method:
@@ -255,23 +262,43 @@ def _fingerprint(arrays: Any) -> str:
 def _begin(folder: Path, config: dict) -> bool:
     """Claim a folder for a training; true if it is finished already."""
     if (folder / "config.json").exists():
-        there = read_json(folder / "config.json")
+        there = _read_config(folder)
         if there != config:
-            other = [
-                name for name in config if not isinstance(there, dict) or there.get(name) != config[name]
-            ]
+            other = [name for name in config if there.get(name) != config[name]]
             raise DamagedError(
                 f"{folder} holds another training (it differs in {', '.join(other)}); choose another --out"
             )
         return (folder / "curve.json").exists()
-    write_json(folder / "config.json", config)
+    files.write_json(folder / "config.json", config)
     return False
 
 
-def _finish(folder: Path, result: Any, curve: list[dict]) -> Any:
-    Checkpoints(folder / "model").save(0, result, [])
-    write_json(folder / "curve.json", curve)
+def _read_config(folder: Path) -> dict:
+    if not (folder / "config.json").exists():
+        raise DamagedError(f"{folder} holds no training: its config.json is missing; name another folder")
+    config = files.read_json(folder / "config.json", remedy=_remedy(folder))
+    if config.get("kind") != KIND:
+        raise DamagedError(f"{folder} holds no training: its config.json says something else")
+    return config
+
+
+def _checkpoint(folder: Path, config: dict) -> Checkpoint:
+    return Checkpoint(folder / "checkpoint.npz", files.canonical(config))
+
+
+def _result(folder: Path, config: dict, like: Any) -> Any:
+    return load_tree(folder / "model.npz", like, files.canonical(config), _remedy(folder))[0]
+
+
+def _finish(folder: Path, config: dict, result: Any, curve: list[dict]) -> Any:
+    of = files.canonical(config)
+    save_tree(folder / "model.npz", result, of)
+    files.write_json(folder / "curve.json", {"points": curve}, of)
     return result
+
+
+def _remedy(folder: Path) -> str:
+    return f"remove {folder} and train anew"
 
 
 def _template(config: dict) -> Trained:

@@ -4,7 +4,6 @@ Loading needs neither MiniWorld nor OpenGL nor JAX; generating starts processes 
 """
 
 import importlib.metadata
-import json
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +22,10 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from ciphernav_jax import files
+from ciphernav_jax.files import DamagedError
 from ciphernav_jax.world.grid import CELLS, HEADINGS, MAX_ACTIONS, WALLS
-from ciphernav_jax.world.journal import Journal, describe, partial_folder
+from ciphernav_jax.world.journal import Journal, partial_folder
 from ciphernav_jax.world.poses import CAMERAS, IMAGE_SHAPE
 from ciphernav_jax.world.scenario import MAX_OBSTACLES, Obstacle, Scenario, key
 from ciphernav_jax.world.shards import BACKGROUNDS, Request, draw_shards
@@ -49,10 +50,6 @@ _ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
     "obstacle_position": ("float64", (MAX_OBSTACLES, 2)),
     "obstacle_yaw": ("float64", (MAX_OBSTACLES,)),
 }
-
-
-class DatasetError(ValueError):
-    """A folder is not a whole data set; the message names the file."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +134,7 @@ def load(folder: str | Path, *, verify: bool = True) -> Dataset:
 
     Raises:
         FileNotFoundError: when the folder has no `meta.json`.
-        DatasetError: when a file is foreign, missing, truncated or damaged; it is named.
+        DamagedError: when a file is foreign, missing, truncated or damaged; it is named.
     """
     folder = Path(folder)
     meta = _read_meta(folder)
@@ -175,6 +172,8 @@ def generate(
     Raises:
         ValueError: for an unknown split, or a count, seed or number of workers out of range.
         FileExistsError: when `out`, or what is left of an earlier run, holds something else.
+        DamagedError: when a file of `out`, or of what is left of an earlier run, is damaged.
+        BusyError: when another process is generating `out`.
         GLUnavailable: when OpenGL is missing; the message lists the packages to install.
         RuntimeError: when a rendering process dies.
     """
@@ -196,22 +195,20 @@ def generate(
             p: importlib.metadata.version(p) for p in ("ciphernav_jax", "miniworld", "pyglet", "numpy")
         },
     }
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        if not _holds(out, meta):
-            raise FileExistsError(
-                f"{out} holds something else than what is asked for; remove it or choose another."
-            )
-        shutil.rmtree(partial_folder(out), ignore_errors=True)
+    if _holds(out, meta):
         return load(out)
-
-    journal = Journal(out, meta)
-    numbers = range(BACKGROUNDS, request.shards)[journal.shards :]
-    with _progress_bar(progress) as bar:
-        task = bar.add_task(f"Rendering {split}", total=count, completed=journal.environments)
-        for shard in draw_shards(request, numbers, workers):
-            journal.add(shard)
-            bar.update(task, completed=journal.environments)
-    journal.finish(meta)
+    with files.claimed(partial_folder(out)):
+        if not _holds(out, meta):  # nobody has made it meanwhile
+            journal = Journal(out, meta)
+            numbers = range(BACKGROUNDS, request.shards)[journal.shards :]
+            with _progress_bar(progress) as bar:
+                task = bar.add_task(f"Rendering {split}", total=count, completed=journal.environments)
+                for shard in draw_shards(request, numbers, workers):
+                    journal.add(shard)
+                    bar.update(task, completed=journal.environments)
+            journal.finish(meta)
+        else:
+            shutil.rmtree(partial_folder(out))
     return load(out, verify=False)
 
 
@@ -242,11 +239,18 @@ def _fingerprint(folder: Path) -> str:
 
 
 def _holds(folder: Path, meta: dict[str, Any]) -> bool:
-    """Whether the folder is a data set made for a request like `meta`."""
-    try:
-        return meta.items() <= _read_meta(folder).items()
-    except (FileNotFoundError, DatasetError):
+    """Whether the folder is the data set made for a request like `meta`; false if it is empty or not there.
+
+    Raises:
+        FileExistsError: when it holds something else.
+    """
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return False
+    if (folder / "meta.json").exists() and meta.items() <= _read_meta(folder).items():
+        return True
+    raise FileExistsError(
+        f"{folder} holds something else than what is asked for; remove it or choose another."
+    )
 
 
 def _read_meta(folder: Path) -> dict[str, Any]:
@@ -255,13 +259,9 @@ def _read_meta(folder: Path) -> dict[str, Any]:
         raise FileNotFoundError(
             f"{path} is missing: {folder} is no data set; make one with `ciphernav generate`."
         )
-    try:
-        meta = json.loads(path.read_text())
-        foreign = meta["format"] != FORMAT or {f"{name}.npy" for name in _ARRAYS} != set(meta["files"])
-    except (ValueError, KeyError, TypeError):
-        foreign = True
-    if foreign:
-        raise DatasetError(f"{path} does not describe a data set of the format {FORMAT!r}.")
+    meta = files.read_json(path, remedy=_remedy(folder))
+    if meta.get("format") != FORMAT:
+        raise DamagedError(f"{path} does not describe a data set of the format {FORMAT!r}.")
     return meta
 
 
@@ -269,22 +269,27 @@ def _read_array(folder: Path, name: str, meta: dict[str, Any], verify: bool) -> 
     path = folder / f"{name}.npy"
     stated = meta["files"][path.name]
     if not path.is_file():
-        raise DatasetError(f"{path} is missing; generate the data set again.")
+        raise DamagedError(f"{path} is missing; {_remedy(folder)}")
     if path.stat().st_size != stated["bytes"]:
-        raise DatasetError(
+        raise DamagedError(
             f"{path} is {path.stat().st_size} bytes long instead of {stated['bytes']}: truncated or foreign; "
-            "generate the data set again."
+            + _remedy(folder)
         )
-    if verify and describe(path) != stated:
-        raise DatasetError(f"{path} is damaged: its SHA-256 is not the one in meta.json; generate it again.")
+    if verify and files.describe(path) != stated:
+        raise DamagedError(f"{path} is damaged: its SHA-256 is not the one in meta.json; {_remedy(folder)}")
     try:
         array = np.load(path, mmap_mode="r")
     except ValueError as error:
-        raise DatasetError(f"{path} is no NumPy array: {error}.") from error
+        raise DamagedError(f"{path} is no NumPy array: {error}; {_remedy(folder)}") from error
     dtype, row = _ARRAYS[name]
     rows = len(array) if name == "views" and array.ndim else meta["count"]
     if array.dtype != dtype or array.shape != (rows, *row):
-        raise DatasetError(
-            f"{path} holds {array.dtype}{list(array.shape)} instead of {dtype}{[rows, *row]}: foreign file."
+        raise DamagedError(
+            f"{path} holds {array.dtype}{list(array.shape)} instead of {dtype}{[rows, *row]}: foreign file; "
+            + _remedy(folder)
         )
     return array
+
+
+def _remedy(folder: Path) -> str:
+    return f"remove {folder} and make it anew with `ciphernav generate`"

@@ -1,24 +1,24 @@
 """Writing a data set shard by shard, so that a run killed at any moment resumes to the same bytes.
 
 Everything happens in the folder `<out>.partial`. Images are appended to `data/views.npy` there,
-and a small record per shard then says how far that file is valid. At the end the records become
-arrays, `meta.json` is written, and one rename turns `data` into `<out>`, which is therefore
-either absent or complete.
+and a small record per shard then says how far that file is valid, with a digest of what was
+appended. At the end the records become arrays, `meta.json` is written, and one rename turns `data`
+into `<out>`, which is therefore either absent or complete.
 """
 
-import fcntl
 import hashlib
-import json
+import io
+import itertools
 import os
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ciphernav_jax import files
+from ciphernav_jax.files import DamagedError
 from ciphernav_jax.world.grid import CELLS, HEADINGS, WALLS
 from ciphernav_jax.world.poses import CAMERAS, IMAGE_SHAPE, POSES
 from ciphernav_jax.world.shards import Shard
@@ -35,13 +35,13 @@ class Journal:
     """A data set being written to `out`, which must not exist yet.
 
     Args:
-        out: the folder to be.
+        out: the folder to be; who writes has claimed its partial folder (`files.claimed`).
         request: JSON object of all that decides the bytes. A partial folder is resumed only if it
             was begun for an equal one.
 
     Raises:
-        FileExistsError: when the partial folder belongs to another request, or to a process that
-            is writing to it now.
+        FileExistsError: when the partial folder belongs to another request.
+        DamagedError: when a file in it is not what was written.
     """
 
     def __init__(self, out: Path, request: dict[str, Any]):
@@ -49,7 +49,9 @@ class Journal:
         self._folder = partial_folder(out)
         self._data = self._folder / "data"
         self._data.mkdir(parents=True, exist_ok=True)
-        self._claim(request)
+        self._remedy = f"remove {self._folder} and run the same command again"
+        self._request = files.canonical(request)
+        self._begin(request)
         self._records = self._read_records()
         self._views, self._number_of = self._open_views()
 
@@ -79,93 +81,100 @@ class Journal:
                 f"{self._folder} was begun with the OpenGL renderer {begun!r}, this is {shard.gl!r}; "
                 "remove the folder to start afresh."
             )
-        numbers = [self._store(view) for view in shard.views]
-        self._views.flush()
-        os.fsync(self._views.fileno())
+        appended = hashlib.sha256()
+        with files.naming(self._data / "views.npy"):
+            numbers = [self._store(view, appended) for view in shard.views]
+            self._views.flush()
+            os.fsync(self._views.fileno())
         # Index -1, no view, picks the -1 at the end and stays what it is.
         backgrounds = self._records[0]["backgrounds"] if self._records else np.full(len(WALLS) * POSES, -1)
         view_of = np.concatenate([backgrounds, numbers, [-1]]).astype(np.int32)[shard.view_of]
         record = {"gl": np.array(shard.gl), "views": np.array(self.views), **shard.columns}
+        record["appended"] = np.array(appended.hexdigest())
         if self._records:
             record["cameras"] = view_of[:, : len(CAMERAS)]
             record["agent"] = view_of[:, len(CAMERAS) :].reshape(-1, CELLS, len(HEADINGS))
         else:
             record["backgrounds"] = view_of.reshape(-1)
-        with _replacing(self._folder / f"record-{self.shards:05d}.npz") as new, open(new, "wb") as file:
-            np.savez(file, **record)
+        files.write_arrays(self._record(self.shards), record, self._request)
         self._records.append(record)
 
     def finish(self, meta: dict[str, Any]) -> None:
         """Writes the arrays and `meta.json` (`meta`, the GL renderer, every file's description),
         and moves the data to its place."""
-        _write_header(self._views, self.views)
-        self._views.close()
-        names = [name for name in self._records[1] if name not in ("gl", "views")]
+        with files.naming(self._data / "views.npy"):
+            _write_header(self._views, self.views)
+            self._views.close()
+        names = [name for name in self._records[1] if name not in ("gl", "views", "appended")]
         for name in names:
-            np.save(self._data / f"{name}.npy", np.concatenate([r[name] for r in self._records[1:]]))
-        files = {f"{name}.npy": describe(self._data / f"{name}.npy") for name in ("views", *names)}
-        meta = {**meta, "gl": str(self._records[0]["gl"]), "files": files}
-        (self._data / "meta.json").write_text(json.dumps(meta, indent=2) + "\n")
+            column = io.BytesIO()
+            np.save(column, np.concatenate([r[name] for r in self._records[1:]]))
+            files.write_bytes(self._data / f"{name}.npy", column.getvalue())
+        described = {f"{name}.npy": files.describe(self._data / f"{name}.npy") for name in ("views", *names)}
+        meta = {**meta, "gl": str(self._records[0]["gl"]), "files": described}
+        files.write_json(self._data / "meta.json", meta)
         os.replace(self._data, self._out)
         shutil.rmtree(self._folder)
 
-    def _claim(self, request: dict[str, Any]) -> None:
+    def _record(self, number: int) -> Path:
+        return self._folder / f"record-{number:05d}.npz"
+
+    def _begin(self, request: dict[str, Any]) -> None:
         """Begins the partial folder, or makes sure that it was begun for the same request."""
         path = self._folder / "request.json"
         if not path.exists():
-            with _replacing(path) as new:
-                new.write_text(json.dumps(request, indent=2) + "\n")
-        if json.loads(path.read_text()) != request:
+            files.write_json(path, request)
+        if files.canonical(files.read_json(path, remedy=self._remedy)) != self._request:
             raise FileExistsError(
                 f"{self._folder} was begun for another request or with other versions (see {path.name}); "
                 "remove that folder to start afresh."
             )
-        self._lock = open(path)  # noqa: SIM115 - held as long as this object lives
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise FileExistsError(f"Another process is writing to {self._folder}; wait for it.") from None
 
     def _read_records(self) -> list[dict[str, NDArray]]:
-        """The records, up to the last one that all images are there for."""
+        """The records, up to the last one that is there with all before it, and with all its images."""
         views = self._data / "views.npy"
         stored = views.stat().st_size // _VIEW_BYTES if views.exists() else 0  # the header is shorter
         records = []
-        for path in sorted(self._folder.glob("record-*.npz")):
-            with np.load(path) as arrays:
-                record = dict(arrays)
+        for path in map(self._record, itertools.count()):
+            if not path.exists():
+                break
+            record = files.read_arrays(path, self._request, self._remedy)
             if record["views"] > stored:
                 break
             records.append(record)
         return records
 
     def _open_views(self) -> tuple[BinaryIO, dict[bytes, int]]:
-        """The file of images, cut back to what the records vouch for, and their numbers by digest."""
+        """The file of images, cut back to what the records vouch for, and their numbers by digest.
+
+        Raises:
+            DamagedError: when the images are not those that were appended.
+        """
         path = self._data / "views.npy"
         path.touch()
         file = open(path, "r+b")  # noqa: SIM115 - stays open from shard to shard
         header = _write_header(file, 0)
         file.truncate(header + _VIEW_BYTES * (int(self._records[-1]["views"]) if self._records else 0))
         number_of = {}
-        while view := file.read(_VIEW_BYTES):
-            number_of[_digest(view)] = len(number_of)
+        for record in self._records:
+            appended = hashlib.sha256()
+            for number in range(len(number_of), int(record["views"])):
+                view = file.read(_VIEW_BYTES)
+                number_of[_digest(view)] = number
+                appended.update(view)
+            if appended.hexdigest() != str(record["appended"]):
+                raise DamagedError(f"{path} is not what was written there (by its SHA-256); {self._remedy}")
         return file, number_of
 
-    def _store(self, view: NDArray[np.uint8]) -> int:
-        """The number of an image, which is appended unless an identical one is there."""
+    def _store(self, view: NDArray[np.uint8], appended: Any) -> int:
+        """The number of an image, which is appended, and to a hash, unless an identical one is there."""
         data = view.tobytes()
         digest = _digest(data)
         if digest not in self._number_of:
             self._number_of[digest] = self.views
             self._views.write(data)
+            appended.update(data)
         return self._number_of[digest]
-
-
-def describe(file: Path) -> dict[str, Any]:
-    """What `meta.json` says of a file: its size in bytes and its SHA-256."""
-    with open(file, "rb") as content:
-        digest = hashlib.file_digest(content, "sha256").hexdigest()
-    return {"bytes": file.stat().st_size, "sha256": digest}
 
 
 def _digest(view: bytes) -> bytes:
@@ -179,11 +188,3 @@ def _write_header(file: BinaryIO, count: int) -> int:
     header = {"descr": "|u1", "fortran_order": False, "shape": (count, *IMAGE_SHAPE)}
     np.lib.format.write_array_header_1_0(file, header)
     return file.tell()
-
-
-@contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """A new file that takes its place only once it is whole."""
-    new = path.with_suffix(".new")
-    yield new
-    os.replace(new, path)

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from flax import nnx
 
+from ciphernav_jax.files import DamagedError
 from ciphernav_jax.models import Sight
 from ciphernav_jax.navigation import sight, trained
 from ciphernav_jax.navigation.sight import Looking
-from ciphernav_jax.navigation.storage import Checkpoints, DamagedError
+from ciphernav_jax.navigation.storage import Checkpoint
 from ciphernav_jax.world.grid import WALLS
 from tests.navigation.conftest import Killed, assert_same, killed_after_first, line, perfect_eyes, silent
 
@@ -57,7 +58,7 @@ def test_a_finished_one_is_read_back_and_a_killed_one_goes_on(world, learned, tm
         trained.train_sight(world, Looking(steps=180, batch=200, chunk=60), 0, folder, silent)
 
     with pytest.raises(Killed):
-        sight.train(world, RECIPE, 0, Checkpoints(tmp_path / "checkpoints"), killed_after_first)
-    resumed, curve = sight.train(world, RECIPE, 0, Checkpoints(tmp_path / "checkpoints"), silent)
+        sight.train(world, RECIPE, 0, Checkpoint(tmp_path / "checkpoint.npz"), killed_after_first)
+    resumed, curve = sight.train(world, RECIPE, 0, Checkpoint(tmp_path / "checkpoint.npz"), silent)
     assert len(curve) == 2
     assert_same(resumed, weights)

@@ -1,17 +1,20 @@
 """Training folders: resume to the same bits, and refuse what is not theirs."""
 
 import dataclasses
+import shutil
+from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
 import ciphernav_jax as cn
+from ciphernav_jax import files
+from ciphernav_jax.files import BusyError, DamagedError
 from ciphernav_jax.navigation import trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.policies import plain_policy, secret_policy
-from ciphernav_jax.navigation.storage import DamagedError
 from ciphernav_jax.world.poses import LANES
 from tests.navigation.conftest import Killed, assert_same, killed_after_first, silent
 
@@ -116,10 +119,53 @@ def test_a_classifier_goes_on_only_with_the_same_encoders(world, teacher, tmp_pa
 def test_a_damaged_checkpoint_is_named(world, tmp_path):
     with pytest.raises(Killed):
         trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, killed_after_first)
-    for file in (tmp_path / "checkpoints").rglob("*"):
-        if file.is_file() and "state" in file.parts:
-            file.write_bytes(b"damaged")
-    with pytest.raises(DamagedError, match=r"checkpoints/1 cannot be read"):
+    flip_a_bit(tmp_path / "checkpoint.npz")
+    with pytest.raises(DamagedError, match=rf"checkpoint\.npz is not what.*; remove {tmp_path} and"):
+        trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, silent)
+
+
+def flip_a_bit(path):
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+@pytest.fixture(scope="module")
+def finished(world, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("finished")
+    trained.train_end_to_end(world, "map-only", PLAIN, 0, folder, silent)
+    return folder
+
+
+@pytest.mark.parametrize("harm", [flip_a_bit, Path.unlink])
+@pytest.mark.parametrize("name", ["config.json", "curve.json", "model.npz"])
+def test_what_a_finished_training_lacks_is_named_and_never_replaced(finished, tmp_path, name, harm):
+    folder = tmp_path / "harmed"
+    shutil.copytree(finished, folder)
+    harm(folder / name)
+    with pytest.raises(DamagedError, match=rf"{name}|not finished") as raised:
+        trained.load(folder), trained.curve(folder)
+    assert str(folder) in str(raised.value)
+
+
+def test_the_weights_of_another_training_do_not_pass_for_its_own(world, finished, tmp_path):
+    trained.train_end_to_end(world, "map-only", PLAIN, 1, tmp_path, silent)
+    shutil.copy(finished / "model.npz", tmp_path)
+    with pytest.raises(DamagedError, match=r"model\.npz is not what"):
+        trained.load(tmp_path)
+
+
+def test_a_training_that_lost_its_curve_goes_on_to_the_same_bits(world, finished, tmp_path):
+    folder = tmp_path / "harmed"
+    shutil.copytree(finished, folder)
+    (folder / "curve.json").unlink()
+    trained.train_end_to_end(world, "map-only", PLAIN, 0, folder, silent)
+    for name in ("model.npz", "curve.json", "config.json"):
+        assert (folder / name).read_bytes() == (finished / name).read_bytes()
+
+
+def test_two_trainings_in_one_folder_are_refused(world, tmp_path):
+    with files.claimed(tmp_path), pytest.raises(BusyError, match=f"another process is writing to {tmp_path}"):
         trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, silent)
 
 
@@ -129,8 +175,8 @@ def test_a_folder_that_is_no_training_is_refused(tmp_path):
     (tmp_path / "config.json").write_text("{")
     with pytest.raises(DamagedError, match="damaged"):
         trained.load(tmp_path)
-    (tmp_path / "config.json").write_text("{}")
-    with pytest.raises(DamagedError, match="no training folder"):
+    files.write_json(tmp_path / "config.json", {})
+    with pytest.raises(DamagedError, match="holds no training"):
         trained.load(tmp_path)
 
 

@@ -1,5 +1,3 @@
-import fcntl
-import json
 import os
 import shutil
 import signal
@@ -11,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ciphernav_jax import files
+from ciphernav_jax.files import BusyError, DamagedError
 from ciphernav_jax.world import dataset, planner, shards
 from ciphernav_jax.world.environment import ObstacleWorld
 from ciphernav_jax.world.generate import Generate, run
@@ -103,10 +103,8 @@ def test_killed_run_resumes_to_the_same_bytes(arguments, small_folder, tmp_path)
     (partial / "record-00002.new").write_bytes(b"half a record")
     with pytest.raises(FileExistsError, match="another request"):
         dataset.generate(**arguments | {"seed": 1}, out=out, progress=False)
-    with open(partial / "request.json") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        with pytest.raises(FileExistsError, match="Another process"):
-            dataset.generate(**arguments, out=out, progress=False)
+    with files.claimed(partial), pytest.raises(BusyError, match="another process"):
+        dataset.generate(**arguments, out=out, progress=False)
     dataset.generate(**arguments, out=out, workers=1, progress=False)
     assert bytes_of(out) == bytes_of(small_folder)
     assert not partial.exists()
@@ -121,9 +119,14 @@ def test_records_without_their_images_count_for_nothing(arguments, tmp_path):
     assert journal.shards == 1
     assert journal.views > 12
     del journal
+    flip_a_byte(partial / "data")
+    with pytest.raises(DamagedError, match=rf"views\.npy is not what.*remove {partial} and run"):
+        Journal(out, {})
     os.truncate(partial / "data" / "views.npy", 5_000)
     journal = Journal(out, {})
     assert (journal.shards, journal.views) == (0, 0)
+    (partial / "record-00000.npz").unlink()  # whatever comes after it counts for nothing, too
+    assert Journal(out, {}).shards == 0
 
 
 def wait_for(condition, seconds=60):
@@ -198,8 +201,7 @@ def flip_a_byte(folder):
 
 
 def rewrite_meta(folder, **changes):
-    meta = json.loads((folder / "meta.json").read_text())
-    (folder / "meta.json").write_text(json.dumps(meta | changes))
+    files.write_json(folder / "meta.json", files.read_json(folder / "meta.json") | changes)
 
 
 @pytest.mark.parametrize(
@@ -211,7 +213,7 @@ def rewrite_meta(folder, **changes):
         (lambda f: shutil.copy(f / "goal.npy", f / "layout.npy"), "layout.npy is damaged", True),
         (lambda f: np.save(f / "goal.npy", np.zeros(130, np.int8)), "goal.npy holds int8", False),
         (lambda f: (f / "goal.npy").write_bytes(bytes(258)), "goal.npy is no NumPy array", False),
-        (lambda f: (f / "meta.json").write_text("{"), "meta.json does not describe", True),
+        (lambda f: (f / "meta.json").write_text("{"), "meta.json is damaged", True),
         (lambda f: rewrite_meta(f, format="something else"), "meta.json does not describe", True),
         (lambda f: rewrite_meta(f, count=131), "layout.npy holds|cameras.npy holds", True),
     ],
@@ -220,7 +222,7 @@ def test_harmed_folders_are_refused_by_name(small_folder, tmp_path, harm, file, 
     folder = tmp_path / "harmed"
     shutil.copytree(small_folder, folder)
     harm(folder)
-    with pytest.raises(dataset.DatasetError, match=file):
+    with pytest.raises(DamagedError, match=file):
         dataset.load(folder, verify=verify)
 
 

@@ -19,8 +19,8 @@ import numpy as np
 import optax
 from numpy.typing import NDArray
 
+from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.navigation import record
-from ciphernav_jax.navigation.storage import read_json, write_json
 
 Floats = NDArray[np.float32]
 Words = NDArray[np.uint64]

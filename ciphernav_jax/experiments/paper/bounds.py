@@ -22,8 +22,8 @@ import numpy as np
 import tyro
 
 from ciphernav_jax.experiments.paper.runs import Options, console, world
+from ciphernav_jax.files import write_json
 from ciphernav_jax.navigation import record
-from ciphernav_jax.navigation.storage import write_json
 from ciphernav_jax.world import planner
 from ciphernav_jax.world.grid import (
     CELLS,

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ciphernav_jax.experiments.paper.runs import Options, console, world
+from ciphernav_jax.files import write_json
 from ciphernav_jax.navigation import features, pictures, record, trained
 from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.rollout import Episodes, Outcome
-from ciphernav_jax.navigation.storage import write_json
 from ciphernav_jax.secret import Secret, share
 from ciphernav_jax.world.dataset import Dataset
 

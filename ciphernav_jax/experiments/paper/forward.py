@@ -16,8 +16,8 @@ import tyro
 from ciphernav_jax.experiments.measure import calls, compiled, summary
 from ciphernav_jax.experiments.paper.runs import Options, console
 from ciphernav_jax.experiments.work import Sizes, Work, works
+from ciphernav_jax.files import write_json
 from ciphernav_jax.navigation import record
-from ciphernav_jax.navigation.storage import write_json
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import share
 

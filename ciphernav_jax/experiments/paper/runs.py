@@ -23,6 +23,7 @@ import tyro
 from numpy.typing import NDArray
 from rich.console import Console
 
+from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.models.classifier import ACTIONS
 from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
 from ciphernav_jax.navigation import classifier, metrics, record, trained
@@ -35,7 +36,6 @@ from ciphernav_jax.navigation.progress import bar
 from ciphernav_jax.navigation.rollout import Episodes, random_walk
 from ciphernav_jax.navigation.samples import start_headings, training_samples
 from ciphernav_jax.navigation.sight import Looking
-from ciphernav_jax.navigation.storage import read_json, write_json
 from ciphernav_jax.secret import cost, secure, share
 from ciphernav_jax.world import dataset
 from ciphernav_jax.world.dataset import Dataset

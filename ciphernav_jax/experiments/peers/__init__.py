@@ -21,8 +21,8 @@ from rich.console import Console
 
 from ciphernav_jax.experiments.measure import summary
 from ciphernav_jax.experiments.work import RATE, Work, error
+from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.navigation import record
-from ciphernav_jax.navigation.storage import read_json, write_json
 
 HERE = Path(__file__).parent
 REPEATS = 5
@@ -114,7 +114,8 @@ def prepare(environment: Environment, folder: Path) -> str | None:
     """Make the environment unless it is complete; returns the last lines of what went wrong, or None."""
     home = folder / environment.name
     complete = home / "complete.json"
-    if complete.exists() and read_json(complete) == [list(words) for words in environment.installs]:
+    installs = {"installs": [list(words) for words in environment.installs]}
+    if complete.exists() and read_json(complete) == installs:
         return None
     pip = [str(home / "bin" / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     commands = [[sys.executable, "-m", "venv", "--clear", str(home)]]
@@ -123,7 +124,7 @@ def prepare(environment: Environment, folder: Path) -> str | None:
         done = subprocess.run(command, env=_environment(), capture_output=True, text=True, check=False)
         if done.returncode:
             return _last_lines(done.stderr or done.stdout)
-    write_json(complete, environment.installs)
+    write_json(complete, installs)
     return None
 
 

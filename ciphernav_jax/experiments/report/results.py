@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ciphernav_jax.files import read_json
 from ciphernav_jax.navigation import metrics
-from ciphernav_jax.navigation.storage import read_json
 
 Document = dict[str, Any]
 

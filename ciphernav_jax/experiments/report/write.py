@@ -14,7 +14,7 @@ from rich.console import Console
 from ciphernav_jax.experiments import pictures
 from ciphernav_jax.experiments.report import figures, page, results, shown, tables
 from ciphernav_jax.experiments.report.results import Results
-from ciphernav_jax.navigation.storage import write_text
+from ciphernav_jax.files import write_text
 
 console = Console(highlight=False)
 
