@@ -10,17 +10,28 @@ Ring elements are uint64 arrays, so `+`, `-`, `*` and unary `-` are already the 
 """
 
 from ciphernav_jax.ring.bits import bit_slice, bit_unslice, most_significant_bit
-from ciphernav_jax.ring.fixed_point import decode, encode, require_x64, value_range
+from ciphernav_jax.ring.fixed_point import (
+    POISON,
+    decode,
+    encode,
+    encode_or_poison,
+    fits,
+    require_x64,
+    value_range,
+)
 from ciphernav_jax.ring.linear import dot_general, matmul
 from ciphernav_jax.ring.random import draw
 
 __all__ = [
+    "POISON",
     "bit_slice",
     "bit_unslice",
     "decode",
     "dot_general",
     "draw",
     "encode",
+    "encode_or_poison",
+    "fits",
     "matmul",
     "most_significant_bit",
     "require_x64",

@@ -10,6 +10,9 @@ from ciphernav_jax.jax_private import Tracer
 
 WORD = 64
 
+POISON = 2**63
+"""The ring element that stands for no number: for a NaN, an infinity, or what is out of range."""
+
 
 def require_x64() -> None:
     """Raises RuntimeError when JAX's 64-bit types are off: a ring element would lose its top half."""
@@ -88,6 +91,24 @@ def _check_range(values: np.ndarray, frac_bits: int) -> None:
             f"cannot encode {worst:g}: with {frac_bits} fractional bits values lie in "
             f"[-{bound:g}, {bound:g}). Scale the values down or use fewer fractional bits."
         )
+
+
+def fits(values: Array | np.ndarray, bound: float) -> Bool[Array, "..."] | Bool[np.ndarray, "..."] | bool:
+    """Which of the values lie below the bound in magnitude; True where their dtype has no others."""
+    if values.dtype == np.bool_ or (
+        jnp.issubdtype(values.dtype, jnp.integer) and np.iinfo(values.dtype).max < bound
+    ):
+        return True
+    below = values < bound  # false for NaN
+    return below if jnp.issubdtype(values.dtype, jnp.unsignedinteger) else below & (values > -bound)
+
+
+def encode_or_poison(values: Array | np.ndarray, frac_bits: int, bound: float) -> UInt64[Array, "..."]:
+    """As `encode`, but what does not lie below the bound in magnitude, and NaN, becomes `POISON`."""
+    inside = fits(values, bound)
+    if inside is True:
+        return encode(values, frac_bits)
+    return jnp.where(inside, encode(jnp.where(inside, values, 0), frac_bits), np.uint64(POISON))
 
 
 def decode(

@@ -13,9 +13,12 @@ from ciphernav_jax import ring
 from ciphernav_jax.jax_private import Tracer
 from ciphernav_jax.protocols import Protocol, sharing
 
+INTEGER_BOUND = 2**62
+"""Shared integers lie below it in magnitude: then the difference of two has the right sign."""
+
 
 @jax.tree_util.register_dataclass
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Secret:
     """A secret-shared array; a pytree with one leaf, so it passes through jit, scan carries and checkpoints.
 
@@ -27,13 +30,30 @@ class Secret:
     - `rank` is the number of the value's axes. `vmap` and the outputs of `lax.scan` stack further axes in
       front of the party axis; `party_first` makes them axes of the value.
 
-    Indexing works on the value's axes: `x[0]`, `x[2:5]`, `x[indices]`.
+    Indexing works on the value's axes: `x[0]`, `x[2:5]`, `x[indices]`. Operators, comparisons, `bool`,
+    `float` and `hash` raise TypeError: they belong into `secure(f)`.
+
+    `jax.tree.map` goes over the shares. What moves entries is right on them (stack, index, `np.asarray`), and
+    so are sums and differences of Secrets and multiples by integers. What gives shares another dtype, as a
+    float factor does, raises TypeError. Other integer arithmetic cannot be told apart and is wrong: a product
+    of two Secrets, `x + 1`.
     """
 
     shares: UInt64[Array, "p ..."]
     frac_bits: int = field(metadata={"static": True})
     dtype: np.dtype = field(metadata={"static": True})
     rank: int = field(metadata={"static": True})
+
+    def __post_init__(self):
+        # JAX also rebuilds trees from placeholders and from the zero derivatives of integers.
+        arrays = (jax.Array, np.ndarray, np.generic, jax.ShapeDtypeStruct)
+        allowed = (np.uint64, jax.dtypes.float0)
+        if isinstance(self.shares, arrays) and self.shares.dtype not in allowed:
+            raise TypeError(
+                f"a Secret got {self.shares.dtype} in place of its shares, which are uint64: jax.tree.map, "
+                "or something like it, computed on the shares of a Secret and not on its value. Compute on "
+                "the value: secure(lambda x, y: jax.tree.map(lambda a, b: a - 0.1 * b, x, y))(key, x, y)."
+            )
 
     def party_first(self) -> "Secret":
         """The same secret with the party as leading axis.
@@ -93,6 +113,65 @@ class Secret:
         )
 
     __jax_array__ = __array__
+    __array_ufunc__ = __array__
+
+
+def _refuse(names: str, what: str, instead: str) -> None:
+    """Gives `Secret` methods that raise TypeError."""
+
+    def refused(self: Secret, *_: Any) -> Any:
+        raise TypeError(f"a Secret holds shares, which do not tell {what}. {instead}")
+
+    for name in names.split():
+        setattr(Secret, f"__{name}__", refused)
+
+
+for _symbol, _names in {
+    "+": "add radd",
+    "-": "sub rsub",
+    "*": "mul rmul",
+    "/": "truediv rtruediv",
+    "//": "floordiv rfloordiv",
+    "%": "mod rmod",
+    "**": "pow rpow",
+    "divmod": "divmod rdivmod",
+    "@": "matmul rmatmul",
+    "&": "and rand",
+    "|": "or ror",
+    "^": "xor rxor",
+    "<<": "lshift rlshift",
+    ">>": "rshift rrshift",
+    "==": "eq",
+    "!=": "ne",
+    "<": "lt",
+    "<=": "le",
+    ">": "gt",
+    ">=": "ge",
+}.items():
+    _refuse(
+        _names,
+        f"x {_symbol} y",
+        f"Compute it inside a secure function: secure(lambda x, y: x {_symbol} y)(key, x, y).",
+    )
+for _function, _name in {
+    "-x": "neg",
+    "+x": "pos",
+    "~x": "invert",
+    "abs(x)": "abs",
+    "round(x)": "round",
+}.items():
+    _refuse(_name, _function, "Compute it inside a secure function: secure(f)(key, x).")
+for _function in ("bool", "int", "float", "complex", "index"):
+    _refuse(
+        _function,
+        f"{_function}(x)",
+        "Select with jnp.where inside a secure function, or open x where that is agreed: "
+        f"{_function}(reveal(x)).",
+    )
+_refuse("hash", "hash(x)", "Use id(x), or a key of your own.")
+_refuse(
+    "contains", "y in x", "Compare inside a secure function: secure(lambda x, y: jnp.any(x == y))(key, x, y)."
+)
 
 
 def _is_secret(x: Any) -> bool:
@@ -104,13 +183,15 @@ def share(key: Array, values: Any, *, parties: int, protocol: Protocol | None = 
 
     Args:
         key: random key of the party that shares; each call needs a key of its own.
-        values: pytree of float arrays (float32 or float64), bools or integers. Floats lie within
-            `protocol.bound` (2^(62 - 2 frac_bits); 4,194,304 by default) in magnitude, integers within 2^62.
+        values: pytree of float arrays (float32 or float64), bools or integers. Floats lie below
+            `protocol.bound` (2^(62 - 2 frac_bits); 4,194,304 by default) in magnitude, integers below 2^62.
         parties: P >= 2.
         protocol: gives the fractional bits of floats; bools and integers have none.
 
     Returns:
-        The same pytree with a `Secret` for each array.
+        The same pytree with a `Secret` for each array. Under `jit` nobody can look at the values: there an
+        entry that is out of range or not finite is *poisoned*. It stands for no number, and `reveal` says so;
+        poison survives being moved, and additions; products and comparisons lose it.
 
     Raises:
         ValueError: fewer than two parties; a value out of range or not finite (where it is concrete).
@@ -130,17 +211,22 @@ def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> S
     dtype = np.dtype(jax.dtypes.canonicalize_dtype(values.dtype))
     if not (jnp.issubdtype(dtype, np.floating) or jnp.issubdtype(dtype, np.integer) or dtype.kind == "b"):
         raise TypeError(f"cannot share an array of dtype {dtype}; share floats, integers or bools")
-    if jnp.issubdtype(dtype, np.floating):
-        frac_bits = protocol.frac_bits
-        if not isinstance(values, Tracer) and np.any(np.abs(values) >= protocol.bound):
-            raise ValueError(
-                f"cannot share {np.max(np.abs(values)):g}: with {frac_bits} fractional bits values and "
-                f"products stay below {protocol.bound:g} in magnitude. "
-                "Scale the values down, or use fewer fractional bits."
-            )
+    real = jnp.issubdtype(dtype, np.floating)
+    frac_bits = protocol.frac_bits if real else 0
+    bound = protocol.bound if real else INTEGER_BOUND
+    fits = ring.fits(values, bound)
+    if isinstance(fits, Tracer):
+        encoded = ring.encode_or_poison(values, frac_bits, bound)
+    elif np.all(fits):
+        encoded = ring.encode(values, frac_bits)
     else:
-        frac_bits = 0
-    encoded = ring.encode(values, frac_bits)
+        worst = np.asarray(values)[~np.asarray(fits)].flat[0]
+        raise ValueError(
+            f"cannot share {worst:g}: with {frac_bits} fractional bits values and products stay below "
+            f"{protocol.bound:g} in magnitude. Scale the values down, or use fewer fractional bits."
+            if real
+            else f"cannot share {worst}: integers stay below 2^62 in magnitude, so that they can be compared."
+        )
     return Secret(sharing.share_ring(key, encoded, parties), frac_bits, dtype, encoded.ndim)
 
 
@@ -148,6 +234,11 @@ def reveal(x: Any) -> Any:
     """Opens secrets: every `Secret` in a pytree becomes an array of its dtype; the rest is passed through.
 
     **This makes values public.** All parties send their shares: 8 bytes an entry from each to each other.
+
+    Returns:
+        Arrays. A float is NaN where the opened number is beyond 2^(62 - frac_bits) in magnitude, where no
+        result in range is: it is poisoned (see `share`), or a computation left the range. A poisoned int64
+        is -2^63.
     """
     return jax.tree.map(lambda leaf: _reveal_array(leaf) if _is_secret(leaf) else leaf, x, is_leaf=_is_secret)
 
@@ -155,5 +246,6 @@ def reveal(x: Any) -> Any:
 def _reveal_array(x: Secret) -> Array:
     total = sharing.join_sum(x.party_first().shares)
     if jnp.issubdtype(x.dtype, np.floating):
-        return ring.decode(total, x.frac_bits, x.dtype)
+        in_range = total + np.uint64(2**62) <= np.uint64(2**63)
+        return jnp.where(in_range, ring.decode(total, x.frac_bits, x.dtype), np.asarray(np.nan, x.dtype))
     return total.astype(jnp.int64).astype(x.dtype)

@@ -9,8 +9,10 @@ By family: data movement, linear, products, comparisons, selection, logic. What 
 """
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
@@ -73,8 +75,13 @@ def _fresh(context: Context, x: Operand, frac_bits: int) -> Value:
 
     Local truncation needs shares that are random: there the dealer's shares of zero make them so.
     """
-    value = _to_value(context, x, frac_bits)
-    if isinstance(x, Value) or context.protocol.truncation != "local":
+    return x if isinstance(x, Value) else _refreshed(context, ring.encode(x, frac_bits), frac_bits)
+
+
+def _refreshed(context: Context, words: Array, frac_bits: int) -> Value:
+    """Public ring elements that will stand alone as secrets."""
+    value = Value(context, frac_bits, share=jnp.zeros(words.shape, jnp.uint64)).add_public(words)
+    if context.protocol.truncation != "local":
         return value
     zero = context.dealer.take(Zero(value.shape))["zero"]
     return Value(context, frac_bits, share=value.share + zero)
@@ -149,13 +156,40 @@ _moves(lax.dynamic_slice_p, data_operands=1)
 _moves(lax.dynamic_update_slice_p, data_operands=2)
 
 
+TYPED = {"gather"}
+"""The rules that are also given the `dtype` of their result."""
+
+
 @rule("gather")
-def _gather(context: Context, x: Operand, indices: Operand, **params: Any) -> Value:
+def _gather(
+    context: Context, x: Operand, indices: Operand, *, fill_value: Any, dtype: np.dtype, **params: Any
+) -> Value:
     if isinstance(indices, Value) or not isinstance(x, Value):
         raise Unsupported("the indices are secret; gather takes public indices")
-    if params.get("fill_value") is None:
-        params["fill_value"] = 0  # out of range reads 0: a ring element has no NaN
-    return Value(context, x.frac_bits, share=lax.gather_p.bind(x.share, indices, **params))
+    if params["mode"] != lax.GatherScatterMode.FILL_OR_DROP:
+        return Value(
+            context, x.frac_bits, share=lax.gather_p.bind(x.share, indices, fill_value=None, **params)
+        )
+
+    def read(filled_with: Any, x: Array) -> Array:
+        return lax.gather_p.bind(x, indices, fill_value=filled_with, **params)
+
+    shape, known = x.shape, isinstance(indices, np.ndarray)
+    with jax.ensure_compile_time_eval() if known else nullcontext():
+        inside, filling = read(False, jnp.ones(shape, np.bool_)), read(fill_value, jnp.zeros(shape, dtype))
+        if known:
+            inside, filling = np.asarray(inside), np.asarray(filling)
+    if known and np.all(inside):
+        return Value(context, x.frac_bits, share=read(0, x.share))
+    x = x.settled.lifted(frac_bits_at_rest(context, dtype))
+    bound = 2.0 ** (62 - x.frac_bits)
+    if known and not np.all(ring.fits(filling, bound)):
+        raise Unsupported(
+            f"an index is out of range, where JAX reads {fill_value}, which no secret can be. "
+            'Give another fill_value to x.at[i].get, or use mode="clip"'
+        )
+    filling = _refreshed(context, ring.encode_or_poison(filling, x.frac_bits, bound), x.frac_bits)
+    return Value(context, x.frac_bits, share=read(0, x.share)).add(filling)
 
 
 def _scatter_into(scatter: Callable[..., Array]) -> Rule:
@@ -171,10 +205,13 @@ def _scatter_into(scatter: Callable[..., Array]) -> Rule:
         indices_are_sorted: bool,
         unique_indices: bool,
         mode: lax.GatherScatterMode,
+        update_jaxpr: Any = None,
         **_: Any,
     ) -> Value:
         if isinstance(indices, Value):
             raise Unsupported("the indices are secret; scatter takes public indices")
+        if scatter is lax.scatter and not _is_set(update_jaxpr):
+            raise Unsupported("x.at[i].apply(f) has no rule. Write x.at[i].set(f(x[i]))")
         into, new = _side_by_side(context, (x, updates))
         # Not the primitive's own parameters: those hold a sum of floats, and shares are words.
         share = scatter(
@@ -189,6 +226,13 @@ def _scatter_into(scatter: Callable[..., Array]) -> Rule:
         return Value(context, into.frac_bits, share=share)
 
     return scattered
+
+
+def _is_set(update_jaxpr: Any) -> bool:
+    """Whether a scatter sets entries to the updates; `x.at[i].apply(f)` computes them from the entries."""
+    return update_jaxpr is None or (
+        not update_jaxpr.eqns and update_jaxpr.outvars[0] is update_jaxpr.invars[1]
+    )
 
 
 RULES["scatter"] = _scatter_into(lax.scatter)
@@ -273,7 +317,13 @@ def _integer_pow(context: Context, x: Value, *, y: int) -> Value:
 
 
 @rule("dot_general")
-def _dot_general(context: Context, x: Operand, y: Operand, *, dimension_numbers: Any, **_: Any) -> Value:
+def _dot_general(
+    context: Context, x: Operand, y: Operand, *, dimension_numbers: Any, preferred_element_type: Any, **_: Any
+) -> Value:
+    if preferred_element_type == np.bool_:  # the or of the ands: whether their number is positive
+        return _dot_general(
+            context, x, y, dimension_numbers=dimension_numbers, preferred_element_type=np.int64
+        ).positive
     if isinstance(x, Value) and isinstance(y, Value):
         return x.dot_general(y, dimension_numbers)
     if isinstance(x, Value):

@@ -24,7 +24,7 @@ from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
 from ciphernav_jax.secret.array import Secret
 from ciphernav_jax.secret.loops import LOOPS
-from ciphernav_jax.secret.rules import RULES, Unsupported, at_rest
+from ciphernav_jax.secret.rules import RULES, TYPED, Unsupported, at_rest
 from ciphernav_jax.secret.value import Context, Value
 
 
@@ -267,6 +267,8 @@ def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
         elif name in RULES:
             _check_dtype(name, eqn)
             rule = RULES[name]
+            if name in TYPED:
+                rule = partial(rule, dtype=eqn.outvars[0].aval.dtype)
         else:
             raise Unsupported("it has no rule")
         with jax.named_scope(f"primitive:{name}"):

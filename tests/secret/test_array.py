@@ -1,5 +1,7 @@
 """Secrets: sharing, opening, indexing, and what a Secret refuses."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -72,3 +74,83 @@ def test_bad_values_are_refused():
             cn.share(key, bad, parties=2)
     with pytest.raises(TypeError, match="complex128"):
         cn.share(key, 1j, parties=2)
+
+
+# --- operators ---------------------------------------------------------------------------------------
+
+P, Q = (cn.share(jax.random.key(i), np.array([1.0, 2.0]), parties=2) for i in (1, 2))
+OPERATORS = {
+    "plus": lambda: P + Q,
+    "a number before": lambda: 2.0 * P,
+    "a numpy array before": lambda: np.ones(2) * P,
+    "a JAX array before": lambda: jnp.ones(2) - P,
+    "a matrix product": lambda: P @ Q,
+    "a ufunc": lambda: np.matmul(P, Q),
+    "minus": lambda: -P,
+    "absolute": lambda: abs(P),
+    "equal": lambda: P == Q,
+    "unequal to nothing": lambda: P != None,  # noqa: E711
+    "order": lambda: max(P, Q),
+    "sum": lambda: sum([P, Q]),
+    "truth": lambda: P or Q,
+    "int": lambda: int(P[0]),
+    "an index": lambda: [1, 2][P[0]],
+    "hash": lambda: {P: 1},
+    "contains": lambda: 1.0 in P,
+}
+
+
+@pytest.mark.parametrize("name", OPERATORS)
+def test_operators_say_where_to_compute(name):
+    with pytest.raises(TypeError, match=r"secure|id\(x\)"):
+        OPERATORS[name]()
+
+
+@pytest.mark.parametrize("f", [lambda x, y: x - 0.1 * y, lambda x, y: x > y, lambda x, y: x.astype(np.int64)])
+def test_arithmetic_on_the_shares_by_tree_map_is_refused(f):
+    with (
+        jax.numpy_dtype_promotion("standard"),
+        pytest.raises(TypeError, match=r"tree\.map.*secure\(lambda"),
+    ):
+        jax.tree.map(f, P, Q)
+
+
+def test_what_is_right_on_shares_works_by_tree_map():
+    np.testing.assert_array_equal(cn.reveal(jax.tree.map(jnp.add, P, Q)), [2.0, 4.0])
+    np.testing.assert_array_equal(cn.reveal(jax.tree.map(lambda x: 3 * x, P)), [3.0, 6.0])
+    np.testing.assert_array_equal(cn.reveal(jax.tree.map(np.asarray, P)), [1.0, 2.0])
+    assert jax.eval_shape(lambda x: x, P).shape == (2,)
+    assert jax.vmap(lambda x: x)(P).shape == (2,)
+
+
+# --- poison ------------------------------------------------------------------------------------------
+
+
+def test_what_cannot_be_shared_under_jit_is_revealed_as_nan():
+    values = np.array([np.nan, np.inf, -np.inf, 2.0**22, -(2.0**22), 2.0**22 - 1, 0.0])
+    share = jax.jit(partial(cn.share, jax.random.key(0), parties=3))
+    moved = cn.secure(lambda x: x[::-1] + 1.0)(jax.random.key(1), share(values))
+    expected = np.where(np.abs(values) < 2.0**22, values, np.nan)
+    np.testing.assert_array_equal(cn.reveal(share(values)), expected)
+    np.testing.assert_array_equal(cn.reveal(moved), expected[::-1] + 1)
+    np.testing.assert_array_equal(cn.reveal(share(values.astype(np.float32))), expected)
+
+
+@pytest.mark.parametrize("dtype", [np.int64, np.uint64])
+def test_integers_too_large_to_be_compared_are_refused_or_poisoned(dtype):
+    largest = 2**62 - 1
+    for value in [2**62, -(2**62)] if dtype == np.int64 else [2**62, 2**64 - 1]:
+        with pytest.raises(ValueError, match=r"integers stay below 2\^62"):
+            cn.share(jax.random.key(0), dtype(value), parties=2)
+        poisoned = jax.jit(partial(cn.share, jax.random.key(0), parties=2))(dtype(value))
+        assert cn.reveal(poisoned) == np.uint64(2**63).astype(dtype)
+    assert cn.reveal(cn.share(jax.random.key(0), dtype(largest), parties=2)) == largest
+
+
+def test_a_result_that_left_the_range_is_nan():
+    """Poison or not: 2^(62 - 20) is the largest result in range."""
+    x = cn.share(jax.random.key(0), np.array([4e6, 1.0, -4e6]), parties=2)
+    y = cn.secure(lambda x: x * 2.0**20)(jax.random.key(1), x)
+    np.testing.assert_array_equal(cn.reveal(y), np.array([4e6, 1.0, -4e6]) * 2**20)
+    y = cn.secure(lambda x: x * 2.0**21)(jax.random.key(1), x)
+    np.testing.assert_array_equal(cn.reveal(y), [np.nan, 2.0**21, np.nan])
