@@ -7,9 +7,10 @@ A test reads the sources for strays.
 from collections.abc import Sequence
 from typing import Any
 
+from jax._src import source_info_util
+
 # JAX keeps `Tracer` for `isinstance`: whether a value is known while tracing.
 from jax.core import Tracer
-from jax.extend import source_info_util
 
 # The language that programs are read in. Since jax 0.11 `Jaxpr` and `ClosedJaxpr` are one class.
 # `get_opaque_trace_state` differs from one trace to another: what one body was dealt is not taken in another.
@@ -31,6 +32,7 @@ __all__ = [
     "Primitive",
     "Tracer",
     "bind",
+    "frames",
     "get_opaque_trace_state",
     "jaxpr_as_fun",
     "name_stack",
@@ -55,6 +57,12 @@ INLINED = {
 def place(eqn: JaxprEqn) -> str:
     """Where the user wrote it: file, line, function."""
     return source_info_util.summarize(eqn.source_info)
+
+
+def frames(eqn: JaxprEqn) -> list[tuple[str, int, str]]:
+    """The lines that led to it outside of JAX, from the innermost out: file, line, function."""
+    user_frames = source_info_util.user_frames(eqn.source_info.traceback)
+    return [(frame.file_name, frame.start_line, frame.function_name) for frame in user_frames]
 
 
 def name_stack(eqn: JaxprEqn) -> str:

@@ -63,6 +63,9 @@ def test_an_equation_says_where_it_was_written():
         eqn = equation(lambda x: jax.named_scope("inside")(jnp.sin)(x), 1.0)
     assert "inside" in jax_private.name_stack(eqn)
     assert Path(__file__).name in jax_private.place(eqn)
+    file, line, function = jax_private.frames(eqn)[0]
+    assert (file, "<lambda>" in function) == (__file__, True)
+    assert "eqn = equation(" in Path(file).read_text().splitlines()[line - 1]
 
 
 def test_a_body_has_a_trace_of_its_own():

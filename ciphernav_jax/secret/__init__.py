@@ -1,7 +1,9 @@
 """From functions on floats to functions on secrets.
 
 - `array`: `Secret`, `share`, `reveal`.
+- `places`: the line of the user's function that an operation comes from.
 - `value`: a party's share inside a program, with pending truncations and what was computed from it.
+- `witness`: notes of a program's values and truncations, beside a float64 evaluation.
 - `rules`: one rule for each primitive.
 - `loops`: the rules of scan, while and cond.
 - `secure`: the jaxpr evaluator; `secure` and `deploy`.

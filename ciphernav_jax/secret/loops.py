@@ -11,12 +11,15 @@ carry is public as long as all iterations leave it so (an index), otherwise secr
 A body's correlated randomness is planned by itself and dealt for all iterations beforehand
 (`protocols.repeat`); where only the run decides how many there are, the dealer is on call.
 
+Where a witness stands beside the program (`secret.witness`), a secret crosses with its reference, and what is
+noted in a body or a branch leaves it as outputs do.
+
 These rules are called as `rule(evaluate, context, *operands, **params)`, where `evaluate(context, jaxpr,
 operands)` evaluates a closed jaxpr.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -31,16 +34,18 @@ from ciphernav_jax.protocols.party import AXIS
 from ciphernav_jax.protocols.repeat import OnCall, take_on_call, take_repeated
 from ciphernav_jax.secret.rules import Operand, Unsupported, at_rest, frac_bits_at_rest
 from ciphernav_jax.secret.value import Context, Value
+from ciphernav_jax.secret.witness import Notes
 
 Evaluate = Callable[[Context, ClosedJaxpr, list[Operand]], list[Operand]]
-Part = Callable[[Dealer, Any], list[Operand]]
+Part = Callable[[Dealer, Any], tuple[list[Operand], Notes | None]]
 
 
 # --- secrets cross into a body as arrays --------------------------------------------------------------
 
 
 def _arrays(operands: Sequence[Operand]) -> list[Any]:
-    return [x.share if isinstance(x, Value) else x for x in operands]
+    """Of a secret its share and its reference, if it has one."""
+    return [(x.share, x.reference) if isinstance(x, Value) else x for x in operands]
 
 
 def _precisions(operands: Sequence[Operand]) -> list[int | None]:
@@ -49,38 +54,92 @@ def _precisions(operands: Sequence[Operand]) -> list[int | None]:
 
 
 def _operands(context: Context, arrays: Sequence[Any], precisions: Sequence[int | None]) -> list[Operand]:
-    return [
-        x if bits is None else Value(context, bits, share=x)
-        for x, bits in zip(arrays, precisions, strict=True)
-    ]
+    def operand(x: Any, bits: int | None) -> Operand:
+        if bits is None:
+            return x
+        share, reference = x
+        return _referred(Value(context, bits, share=share), reference)
+
+    return [operand(x, bits) for x, bits in zip(arrays, precisions, strict=True)]
+
+
+def _referred(x: Value, reference: Array | None) -> Value:
+    x.reference = reference
+    return x
 
 
 def _settled(operands: Sequence[Operand]) -> list[Operand]:
     """Truncated before the loop, not in each of its iterations."""
-    return [x.settled if isinstance(x, Value) else x for x in operands]
+    return [_referred(x.settled, x.reference) if isinstance(x, Value) else x for x in operands]
 
 
 def _rest(
     context: Context, outputs: Sequence[Operand], avals: Sequence[Any], secret: Sequence[bool]
 ) -> list[Operand]:
     """Outputs with the precision of a `Secret`; those in `secret` made secret where they are not."""
-    return [
-        at_rest(context, x, aval.dtype) if isinstance(x, Value) or hidden else jnp.asarray(x)
-        for x, aval, hidden in zip(outputs, avals, secret, strict=True)
-    ]
+
+    def rest(x: Operand, dtype: np.dtype, hidden: bool) -> Operand:
+        if not isinstance(x, Value) and not hidden:
+            return jnp.asarray(x)
+        reference = context.witness and context.witness.reference(x, dtype)
+        return _referred(at_rest(context, x, dtype), reference)
+
+    return [rest(x, aval.dtype, hidden) for x, aval, hidden in zip(outputs, avals, secret, strict=True)]
 
 
-def _trace(part: Part, inputs: Any) -> tuple[Plan, list[int | None]]:
-    """What a part of a program asks the dealer for, and the precisions of its outputs; nothing is run."""
+def _abstract(context: Context, aval: Any, hidden: bool) -> Any:
+    """The shapes with which an operand crosses."""
+    if not hidden:
+        return jax.ShapeDtypeStruct(aval.shape, aval.dtype)
+    reference = context.witness and context.witness.abstract_reference(aval)
+    return jax.ShapeDtypeStruct(aval.shape, jnp.uint64), reference
+
+
+@dataclass(frozen=True)
+class _Traced:
+    """What is known of a part of a program before it is run.
+
+    Attributes:
+        plan: what it asks the dealer for.
+        precisions: of its outputs.
+        notes: the shapes of the notes that are taken of it.
+    """
+
+    plan: Plan
+    precisions: list[int | None]
+    notes: Notes | None
+
+    @property
+    def no_notes(self) -> Notes | None:
+        """Those of no run at all."""
+        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), self.notes)
+
+
+def _trace(part: Part, inputs: Any) -> _Traced:
+    """Traces a part of a program; nothing is run."""
     planner, precisions = Planner(), []
 
     def traced(inputs):
-        outputs = part(planner, inputs)
+        outputs, notes = part(planner, inputs)
         precisions[:] = _precisions(outputs)
-        return _arrays(outputs)
+        return notes
 
-    jax.eval_shape(traced, inputs)
-    return planner.plan(), precisions
+    notes = jax.eval_shape(traced, inputs)
+    return _Traced(planner.plan(), precisions, notes)
+
+
+def _inside(context: Context, dealer: Dealer) -> Context:
+    """The context of a part that is traced by itself."""
+    return replace(context, dealer=dealer, witness=context.witness and context.witness.inside())
+
+
+def _merged(notes: Notes | None, other: Notes | None) -> Notes | None:
+    return notes.merged(other) if notes and other else None
+
+
+def _include(context: Context, notes: Notes | None) -> None:
+    if context.witness and notes:
+        context.witness.include(notes)
 
 
 # --- loops --------------------------------------------------------------------------------------------
@@ -91,8 +150,7 @@ class _Body:
 
     Attributes:
         secret: which entries of the carry are secret.
-        plan: what one iteration asks the dealer for.
-        precisions: of the carry and the outputs.
+        traced: what is known of one iteration; its outputs are the carry and the outputs of the body.
     """
 
     def __init__(
@@ -109,15 +167,15 @@ class _Body:
         self.input_precisions = _precisions(xs)
         self.carry_avals = jaxpr.out_avals[: len(start)]
         self.secret = [isinstance(x, Value) for x in start]
-        slices = [jax.ShapeDtypeStruct(x.shape[1:], x.dtype) for x in _arrays(xs)]
+        slices = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), _arrays(xs))
         # A public start may become secret in the first iteration, and make others so in the next.
         while True:
             carry = [
-                jax.ShapeDtypeStruct(aval.shape, jnp.uint64 if hidden else aval.dtype)
+                _abstract(context, aval, hidden)
                 for aval, hidden in zip(self.carry_avals, self.secret, strict=True)
             ]
-            self.plan, self.precisions = _trace(self._iterate, (carry, slices))
-            secret = [bits is not None for bits in self.precisions[: len(start)]]
+            self.traced = _trace(self._iterate, (carry, slices))
+            secret = [bits is not None for bits in self.traced.precisions[: len(start)]]
             if secret == self.secret:
                 return
             self.secret = secret
@@ -134,9 +192,11 @@ class _Body:
         """The first carry, as arrays."""
         return _arrays(_rest(self.context, start, self.carry_avals, self.secret))
 
-    def _iterate(self, dealer: Dealer, inputs: tuple[list[Any], list[Any]]) -> list[Operand]:
+    def _iterate(
+        self, dealer: Dealer, inputs: tuple[list[Any], list[Any]]
+    ) -> tuple[list[Operand], Notes | None]:
         carry, xs = inputs
-        context = replace(self.context, dealer=dealer)
+        context = _inside(self.context, dealer)
         operands = _operands(
             context,
             [*self.consts, *carry, *xs],
@@ -144,12 +204,18 @@ class _Body:
         )
         outputs = self.evaluate(context, self.jaxpr, operands)
         secret = [*self.secret, *[False] * (len(outputs) - len(carry))]
-        return _rest(context, outputs, self.jaxpr.out_avals, secret)
+        return _rest(context, outputs, self.jaxpr.out_avals, secret), context.notes()
 
-    def __call__(self, shares: Any, carry: list[Any], xs: list[Any]) -> tuple[list[Any], list[Any]]:
-        """One iteration, with this party's shares of its randomness."""
-        outputs = _arrays(self._iterate(Supply(self.plan, shares), (carry, xs)))
-        return outputs[: len(carry)], outputs[len(carry) :]
+    def __call__(
+        self, shares: Any, state: tuple[list[Any], Notes | None], xs: list[Any]
+    ) -> tuple[tuple[list[Any], Notes | None], list[Any]]:
+        """One iteration, with this party's shares of its randomness. The state is the carry, and the notes of
+        all iterations so far.
+        """
+        carry, notes = state
+        operands, more = self._iterate(Supply(self.traced.plan, shares), (carry, xs))
+        outputs = _arrays(operands)
+        return (outputs[: len(carry)], _merged(notes, more)), outputs[len(carry) :]
 
 
 def scan(
@@ -179,15 +245,16 @@ def _counted(
 ) -> list[Operand]:
     """A loop of a known length. The randomness of all iterations is dealt before the program starts."""
     body = _Body(evaluate, context, jaxpr, consts, start, xs)
-    supply = take_repeated(context.dealer, body.plan, length)
-    carry, ys = lax.scan(
-        lambda carry, each: body(each[0], carry, each[1]),
-        body.start(start),
+    supply = take_repeated(context.dealer, body.traced.plan, length)
+    (carry, notes), ys = lax.scan(
+        lambda state, each: body(each[0], state, each[1]),
+        (body.start(start), body.traced.no_notes),
         (supply, _arrays(xs)),
         length=length,
         reverse=reverse,
     )
-    return _operands(context, [*carry, *ys], body.precisions)
+    _include(context, notes)
+    return _operands(context, [*carry, *ys], body.traced.precisions)
 
 
 def while_loop(
@@ -214,31 +281,36 @@ def while_loop(
     )
     body = _Body(evaluate, context, body_jaxpr, consts, start)
 
-    def predicate(dealer: Dealer, carry: list[Any]) -> list[Operand]:
-        inner = replace(context, dealer=dealer)
-        return evaluate(inner, cond_jaxpr, [*cond_consts, *_operands(inner, carry, body.resting)])
+    def predicate(dealer: Dealer, carry: list[Any]) -> tuple[list[Operand], None]:
+        inner = replace(context, dealer=dealer, witness=None)
+        operands = [*cond_consts, *_operands(inner, carry, body.resting)]
+        return evaluate(inner, cond_jaxpr, operands), None
 
-    if any(isinstance(x, Value) for x in cond_consts) or _trace(predicate, body.start(start))[1] != [None]:
+    secret = any(isinstance(x, Value) for x in cond_consts)
+    if secret or _trace(predicate, body.start(start)).precisions != [None]:
         raise Unsupported("when it ends depends on a secret")
     public = [x for x, hidden in zip(start, body.secret, strict=True) if not hidden]
     public += [x for x in (*cond_consts, *consts) if not isinstance(x, Value)]
     if all(isinstance(x, np.ndarray) for x in public):
         length = _iterations(cond_jaxpr, body_jaxpr, cond_consts, consts, start)
         return _counted(evaluate, context, body_jaxpr, consts, start, length=length)
-    seed = context.dealer.take(OnCall(body.plan, lax.axis_size(AXIS)))["seed"]
+    seed = context.dealer.take(OnCall(body.traced.plan, lax.axis_size(AXIS)))["seed"]
 
     def iterate(state):
-        i, carry = state
-        shares = take_on_call(seed, body.plan, i, context.protocol.generator)
-        carry, _ = body(shares, carry, [])
-        return i + 1, carry
+        i, state = state
+        shares = take_on_call(seed, body.traced.plan, i, context.protocol.generator)
+        state, _ = body(shares, state, [])
+        return i + 1, state
 
     def goes_on(state):
-        (going,) = predicate(Planner(), state[1])
+        _, (carry, _) = state
+        (going,), _ = predicate(Planner(), carry)
         return going
 
-    _, carry = lax.while_loop(goes_on, iterate, (jnp.uint32(0), body.start(start)))
-    return _operands(context, carry, body.precisions)
+    begin = (body.start(start), body.traced.no_notes)
+    _, (carry, notes) = lax.while_loop(goes_on, iterate, (jnp.uint32(0), begin))
+    _include(context, notes)
+    return _operands(context, carry, body.traced.precisions)
 
 
 def _iterations(
@@ -294,32 +366,37 @@ def cond(
     settled = _settled(operands)
     arrays, precisions = _arrays(settled), _precisions(settled)
 
-    def branch(jaxpr: ClosedJaxpr, secret: list[bool], dealer: Dealer, arrays: list[Any]) -> list[Operand]:
-        inner = replace(context, dealer=dealer)
+    def branch(
+        jaxpr: ClosedJaxpr, secret: list[bool], dealer: Dealer, arrays: list[Any]
+    ) -> tuple[list[Operand], Notes | None]:
+        inner = _inside(context, dealer)
         outputs = evaluate(inner, jaxpr, _operands(inner, arrays, precisions))
-        return _rest(inner, outputs, jaxpr.out_avals, secret)
+        return _rest(inner, outputs, jaxpr.out_avals, secret), inner.notes()
 
     secret = [False] * len(branches[0].out_avals)
     while True:
         parts = [partial(branch, jaxpr, secret) for jaxpr in branches]
         traced = [_trace(part, arrays) for part in parts]
-        found = [any(of_branch[i] is not None for _, of_branch in traced) for i in range(len(secret))]
+        of_all = zip(*(part.precisions for part in traced), strict=True)
+        found = [any(bits is not None for bits in of_branches) for of_branches in of_all]
         if found == secret:
             break
         secret = found
 
-    def taken(part: Part, plan: Plan, supply: list[dict[str, Array]]) -> Callable[[], list[Any]]:
+    def taken(number: int, supply: list[dict[str, Array]]) -> Callable[[], tuple[list[Any], list[Any]]]:
         def run():
             shares = jax.tree.map(lambda x: x[0], supply)
-            return _arrays(part(Supply(plan, shares), arrays))
+            operands, notes = parts[number](Supply(traced[number].plan, shares), arrays)
+            others = [x.no_notes for x in traced]
+            return _arrays(operands), [*others[:number], notes, *others[number + 1 :]]
 
         return run
 
-    runs = [
-        taken(part, plan, take_repeated(context.dealer, plan, 1))
-        for part, (plan, _) in zip(parts, traced, strict=True)
-    ]
-    return _operands(context, lax.switch(index, runs), traced[0][1])
+    runs = [taken(i, take_repeated(context.dealer, x.plan, 1)) for i, x in enumerate(traced)]
+    outputs, noted = lax.switch(index, runs)
+    for notes in noted:
+        _include(context, notes)
+    return _operands(context, outputs, traced[0].precisions)
 
 
 LOOPS = {"scan": scan, "while": while_loop, "cond": cond}

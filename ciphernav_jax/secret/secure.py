@@ -24,8 +24,10 @@ from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
 from ciphernav_jax.secret.array import Secret
 from ciphernav_jax.secret.loops import LOOPS
+from ciphernav_jax.secret.places import of_function, place
 from ciphernav_jax.secret.rules import RULES, TYPED, Unsupported, at_rest
 from ciphernav_jax.secret.value import Context, Value
+from ciphernav_jax.secret.witness import Notes, Witness
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +62,19 @@ class Secure:
             lambda x: x if isinstance(x, Secret) else no_gradient(x), args, is_leaf=_is_secret
         )
 
-    def evaluate(
-        self, key: Array, args: tuple[Any, ...], run: Callable[..., Any] = run, witness: Any = None
-    ) -> Any:
+    def evaluate(self, key: Array, args: tuple[Any, ...], run: Callable[..., Any] = run) -> Any:
         """Traces the function and has its program run: `run(program, key, parties, private, public, mesh,
-        generator)` is that of `protocols.run`, or another that looks at what passes; `witness` is told of
-        every truncation (`audit`).
+        generator)` is that of `protocols.run`, or another that looks at what passes.
         """
+        return self.witnessed(key, args, None, run)[0]
+
+    def witnessed(
+        self, key: Array, args: tuple[Any, ...], witness: Witness | None, run: Callable[..., Any] = run
+    ) -> tuple[Any, Notes | None]:
+        """As `evaluate`, with the notes that such a witness takes of the program."""
         key = _key_of_each(key, args)
-        leaves, tree = jax.tree.flatten(args, is_leaf=_is_secret)
+        named, tree = jax.tree_util.tree_flatten_with_path(args, is_leaf=_is_secret)
+        names, leaves = [jax.tree_util.keystr(path) for path, _ in named], [x for _, x in named]
         leaves = [x.party_first() if isinstance(x, Secret) else x for x in leaves]
         secrets = [x for x in leaves if isinstance(x, Secret)]
         parties = _check_secrets(secrets, self.protocol)
@@ -79,24 +85,26 @@ class Secure:
         made: list[int | None] = []  # of each output the fractional bits, or None where it is public
 
         def program(dealer, private, public):
-            context = Context(self.protocol, dealer, witness)
-            if witness:
-                witness.begin()
+            context = Context(self.protocol, dealer, witness and witness.inside(), of_function(self.function))
             private, public = iter(private), iter(public)
             values = [
                 Value(context, x.frac_bits, share=next(private)) if isinstance(x, Secret) else next(public)
                 for x in leaves
             ]
+            if context.witness:
+                for name, x, value in zip(names, leaves, values, strict=True):
+                    if isinstance(x, Secret):
+                        context.witness.given(f"argument {name}", value, x.dtype)
             results = _evaluate_jaxpr(context, jaxpr.jaxpr, jaxpr.consts, values)
             with jax.named_scope("primitive:output"):
                 results = [_finish(x, out.dtype) for x, out in zip(results, outputs, strict=True)]
             made[:] = [x.frac_bits if isinstance(x, Value) else None for x in results]
             return (
                 [x.share for x in results if isinstance(x, Value)],
-                ([x for x in results if not isinstance(x, Value)], witness and witness.failed),
+                ([x for x in results if not isinstance(x, Value)], context.notes()),
             )
 
-        private, (public, failed) = run(
+        private, (public, notes) = run(
             program,
             key,
             parties,
@@ -105,8 +113,6 @@ class Secure:
             self.mesh,
             self.protocol.generator,
         )
-        if witness:
-            witness.failed = failed
         private, public = iter(private), iter(public)
         results = [
             next(public)
@@ -114,7 +120,7 @@ class Secure:
             else Secret(next(private), frac_bits, np.dtype(out.dtype), out.ndim)
             for frac_bits, out in zip(made, outputs, strict=True)
         ]
-        return jax.tree.unflatten(out_tree, results)
+        return jax.tree.unflatten(out_tree, results), notes
 
 
 def secure(function: Callable[..., Any], *, protocol: Protocol | None = None) -> Secure:
@@ -232,11 +238,12 @@ def _evaluate_jaxpr(context: Context, jaxpr: Jaxpr, consts: list[Any], args: lis
         operands = [read(atom) for atom in eqn.invars]
         if not any(isinstance(x, Value) for x in operands):
             write(eqn.outvars, _evaluate_public(eqn, operands))
-        elif (inner := wrapped(eqn)) is not None:
-            write(eqn.outvars, _evaluate_jaxpr(context, *inner, operands))
+            continue
+        here = replace(context, place=place(eqn, context.place))
+        if (inner := wrapped(eqn)) is not None:
+            write(eqn.outvars, _evaluate_jaxpr(here, *inner, operands))
         else:
-            result = _apply_rule(context, eqn, operands)
-            write(eqn.outvars, result if eqn.primitive.multiple_results else [result])
+            write(eqn.outvars, _evaluate_secret(here, eqn, operands))
     return [read(atom) for atom in jaxpr.outvars]
 
 
@@ -257,11 +264,21 @@ def _known(x: Any) -> Any:
     return x if jnp.issubdtype(x.dtype, jax.dtypes.extended) else np.asarray(x)
 
 
+def _evaluate_secret(context: Context, eqn: JaxprEqn, operands: list[Any]) -> list[Any]:
+    """A step on secrets, by its rule, told to the witness where there is one."""
+    name, witness = eqn.primitive.name, context.witness
+    if witness:
+        witness.at(name, context.place)
+    result = _apply_rule(context, eqn, operands)
+    results = list(result) if eqn.primitive.multiple_results else [result]
+    if witness and name not in LOOPS:  # the equations of the bodies have told it
+        witness.evaluated(eqn, operands, results)
+    return results
+
+
 def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
     name = eqn.primitive.name
     try:
-        if name in LOOPS and context.witness:
-            raise Unsupported("an audit sees no loops and no branches; audit the body")
         if name in LOOPS:
             rule = partial(LOOPS[name], _evaluate_closed)
         elif name in RULES:
@@ -275,8 +292,7 @@ def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
             return rule(context, *operands, **eqn.params)
     except Unsupported as problem:
         raise NotImplementedError(
-            f"cannot evaluate `{name}` on secrets: {problem}. It comes from {jax_private.place(eqn)}. "
-            f"{_way_out(name)}"
+            f"cannot evaluate `{name}` on secrets: {problem}. It comes from {context.place}. {_way_out(name)}"
         ) from None
 
 

@@ -8,7 +8,7 @@ that each is computed once however often it is used: in the backward pass, say.
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Protocol as Interface
+from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,25 +22,29 @@ from ciphernav_jax.protocols.dealer import Dealer
 from ciphernav_jax.protocols.masked import Masked
 from ciphernav_jax.protocols.party import from_party_zero
 from ciphernav_jax.ring.linear import DimensionNumbers
+from ciphernav_jax.secret.places import Place
+
+if TYPE_CHECKING:
+    from ciphernav_jax.secret.witness import Notes, Row, Witness
 
 # A value with more fractional bits than this would lose its integer part in the ring.
 MAX_FRAC_BITS = 62
 
 
-class Truncations(Interface):
-    """Who is told of every truncation; see `secret.audit`."""
-
-    def truncated(self, before: Array, shift: int, after: "Value", *, clipped: bool = False) -> None:
-        """The shares `before` have become `after`, shorter by `shift` bits; `clipped` at 0 from below."""
-
-
 @dataclass(frozen=True)
 class Context:
-    """What every operation in a program needs: the variants, where randomness comes from, and who watches."""
+    """What every operation in a program needs: the variants, where randomness comes from, who watches, and
+    the line of the user's function that it comes from.
+    """
 
     protocol: Protocol
     dealer: Dealer
-    witness: Truncations | None = None
+    witness: "Witness | None" = None
+    place: Place | None = None
+
+    def notes(self) -> "Notes | None":
+        """What the witness of this part of the program has noted."""
+        return self.witness and self.witness.notes()
 
 
 class Value:
@@ -51,7 +55,12 @@ class Value:
         frac_bits: the value is the shares' signed sum / 2^frac_bits.
         share: uint64[shape], this party's additive share.
         form: the value as a `Masked` value where one is known.
+        reference, row: where a witness stands beside the program, what the value should be, and the
+            equation that made it (`secret.witness`).
     """
+
+    reference: Array | None = None
+    row: "Row | None" = None
 
     def __init__(
         self, context: Context, frac_bits: int, *, share: Array | None = None, form: Masked | None = None
@@ -99,7 +108,7 @@ class Value:
                 share = ideal.ideal_truncation(dealer, self.share, shift)
         settled = Value(self.context, protocol.frac_bits, share=share, form=form)
         if self.context.witness:
-            self.context.witness.truncated(self.share, shift, settled)
+            self.context.witness.truncated(self, shift, settled)
         return settled
 
     def lifted(self, frac_bits: int) -> "Value":
@@ -171,7 +180,7 @@ class Value:
         self.positive = Value(self.context, 0, form=positive)
         result = self._new(self.frac_bits - shift, output)
         if shift and self.context.witness:
-            self.context.witness.truncated(self.share, shift, result, clipped=True)
+            self.context.witness.truncated(self, shift, result, clipped=True)
         return result
 
     def is_bit(self) -> bool:

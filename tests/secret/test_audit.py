@@ -58,11 +58,54 @@ def test_it_counts_in_a_loop_around_the_step():
     assert [int(count) for count in counts] == [20, 0]
 
 
-def test_a_loop_in_the_function_is_refused():
-    x = cn.share(jax.random.key(0), np.ones(3), parties=2)
-    looped = cn.secure(lambda x: jax.lax.fori_loop(0, 3, lambda _, x: x * x, x))
-    with pytest.raises(NotImplementedError, match="audit the body"):
-        cn.audit(looped)(jax.random.key(1), x)
+def scanned(x, _):
+    return jax.lax.scan(lambda c, y: (c * y, y * y), jnp.ones(()), x)  # 2 truncations in each of 4 iterations
+
+
+def counted_while(x, _):
+    return jax.lax.while_loop(lambda s: s[0] < 3, lambda s: (s[0] + 1, s[1] * s[1]), (0, x))
+
+
+def while_on_call(x, n):
+    return jax.lax.while_loop(lambda s: s[0] < n, lambda s: (s[0] + 1, s[1] * s[1]), (0, x))
+
+
+def branched(x, n):
+    return jax.lax.switch(n - 3, [lambda x: x * 2.0, lambda x: x * x * x, lambda x: x * 0.3], x)
+
+
+@pytest.mark.parametrize(
+    ("function", "argument", "expected"),
+    [
+        (scanned, 0, 2 * 4),
+        (counted_while, 0, 3 * 4),
+        (while_on_call, 5, 5 * 4),
+        (branched, 3, 0),
+        (branched, 4, 2 * 4),
+        (branched, 5, 4),
+    ],
+)
+def test_loops_and_branches_count_what_is_carried_out(function, argument, expected):
+    x = cn.share(jax.random.key(0), np.linspace(0.5, 1.0, 4), parties=2)
+    step, key = cn.secure(function), jax.random.key(1)
+    result, (carried_out, failed) = cn.audit(step)(key, x, np.int32(argument))
+    assert (int(carried_out), int(failed)) == (expected, 0)
+    for ours, steps in zip(
+        jax.tree.leaves(result), jax.tree.leaves(step(key, x, np.int32(argument))), strict=True
+    ):
+        np.testing.assert_array_equal(ours, steps)
+
+
+@pytest.mark.parametrize(("truncation", "parties"), [("wrap-count", 3), ("local", 2)])
+def test_failures_in_a_loop_are_those_that_the_results_show(truncation, parties):
+    protocol = cn.Protocol(truncation=truncation)
+    x = np.full((4, 1 << 14), 30_000.0)
+    factors = cn.share(jax.random.key(2), (x, np.ones_like(x)), parties=parties, protocol=protocol)
+    step = cn.secure(lambda x, y: jax.lax.map(lambda xy: xy[0] * xy[1], (x, y)), protocol=protocol)
+    result, (carried_out, failed) = cn.audit(step)(jax.random.key(3), *factors)
+    wrong = np.abs(cn.reveal(result) - x) > 1
+    assert int(carried_out) == x.size
+    assert int(failed) == wrong.sum() > 0
 
 
 def test_only_a_secure_function_is_audited():
