@@ -11,9 +11,7 @@ from jax import lax
 from ciphernav_jax import jax_private
 
 PACKAGE = Path(jax_private.__file__).parent
-PRIVATE = re.compile(
-    r"\bjax\.(_src|core|extend|interpreters)\b|\bfrom jax import .*\b(core|extend|interpreters)\b"
-)
+PRIVATE = re.compile(r"\b(from jax import .*|jax\.)(_src|core|extend|interpreters|experimental)\b")
 
 pytestmark = pytest.mark.newest_jax
 
