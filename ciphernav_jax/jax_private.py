@@ -7,6 +7,7 @@ A test reads the sources for strays.
 from collections.abc import Sequence
 from typing import Any
 
+import jax
 from jax._src import source_info_util
 
 # JAX keeps `Tracer` for `isinstance`: whether a value is known while tracing.
@@ -34,6 +35,7 @@ __all__ = [
     "bind",
     "frames",
     "get_opaque_trace_state",
+    "is_tracing",
     "jaxpr_as_fun",
     "name_stack",
     "place",
@@ -52,6 +54,15 @@ INLINED = {
     "custom_vjp_call": "call_jaxpr",
     "remat2": "jaxpr",
 }
+
+
+with jax.ensure_compile_time_eval():
+    _NO_TRACE = get_opaque_trace_state()
+
+
+def is_tracing() -> bool:
+    """Whether what is called now becomes part of a jaxpr, or of a vmap or a derivative."""
+    return get_opaque_trace_state() != _NO_TRACE
 
 
 def place(eqn: JaxprEqn) -> str:

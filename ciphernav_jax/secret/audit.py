@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
 from ciphernav_jax.secret.cost import require_step
+from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.secure import Secure
 from ciphernav_jax.secret.witness import Witness
 
@@ -26,7 +26,7 @@ def audit(step: Secure) -> Callable[..., tuple[Any, tuple[Array, Array]]]:
     """
     require_step(step)
 
-    @jax.jit
+    @Compiled
     def evaluate(key, args):
         result, notes = step.witnessed(key, args, Witness(step.protocol, beside=False))
         assert notes is not None

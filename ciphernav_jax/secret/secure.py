@@ -25,6 +25,7 @@ from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
 from ciphernav_jax.secret.array import Secret
 from ciphernav_jax.secret.loops import LOOPS
 from ciphernav_jax.secret.places import of_function, place
+from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.rules import RULES, TYPED, Unsupported, at_rest
 from ciphernav_jax.secret.value import Context, Value
 from ciphernav_jax.secret.witness import Notes, Witness
@@ -42,7 +43,7 @@ class Secure:
     def __post_init__(self):
         # jit keeps public arguments abstract, so that what a program asks the dealer for never depends on
         # them.
-        object.__setattr__(self, "_jitted", jax.jit(self.evaluate))
+        object.__setattr__(self, "_jitted", Compiled(self.evaluate))
 
     def __call__(self, key: Array, *args: Any) -> Any:
         """Evaluates the function; `key` is the dealer's random key, fresh for each call."""

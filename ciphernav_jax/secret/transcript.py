@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
-import jax
 from jax import Array
 
 from ciphernav_jax.protocols.record import Message, run_recorded
 from ciphernav_jax.secret.cost import require_step
+from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.secure import Secure
 
 
@@ -28,7 +28,7 @@ def transcript(step: Secure) -> Callable[..., tuple[Any, tuple[Message, ...]]]:
     """
     require_step(step)
 
-    @jax.jit
+    @Compiled
     def evaluate(key, args):
         seen: list[Message] = []
 

@@ -13,6 +13,7 @@ from ciphernav_jax.protocols.dealer import deal
 from ciphernav_jax.protocols.record import Message, run_recorded
 from ciphernav_jax.protocols.run import plan
 from ciphernav_jax.secret.cost import require_step
+from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.secure import Secure
 
 
@@ -75,7 +76,7 @@ def view(step: Secure) -> Callable[..., tuple[Any, View]]:
     """
     require_step(step)
 
-    @jax.jit
+    @Compiled
     def evaluate(key, args):
         seen: list[View] = []
 

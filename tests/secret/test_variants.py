@@ -12,7 +12,6 @@ from typing import get_args
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -25,7 +24,6 @@ SIGNS = [
 ]
 TRUNCATIONS = get_args(suite.Truncation)
 ROWS, INNER, COLUMNS = 3, 4, 5
-PROGRAMS = 50
 
 
 def combinations(every: bool):
@@ -60,17 +58,6 @@ def pytest_generate_tests(metafunc):
     if "parties" in metafunc.fixturenames:
         rows = list(combinations(metafunc.config.getoption("every_combination")))
         metafunc.parametrize(("protocol", "parties"), rows, ids=[f"{r} P={p}" for r, p in rows])
-
-
-@pytest.fixture(autouse=True)
-def few_programs():
-    """Lets go of compiled programs in time: each takes hundreds of the 65,530 memory maps that Linux gives a
-    process, and XLA crashes without.
-    """
-    yield
-    if evaluated.cache_info().currsize >= PROGRAMS:
-        evaluated.cache_clear()
-        jax.clear_caches()
 
 
 def function(x, y, w):

@@ -1,0 +1,64 @@
+"""Many compiled programs in one process: it lives, and what it computes stays right.
+
+    python -m ciphernav_jax.experiments.programs [COUNT]
+
+COUNT (500) functions with their gradients are compiled on secrets and kept, in turn each by itself, as a part
+of another jitted function, and through `simulate`; then all are called again. Each result is compared with
+JAX's own. At the end: the largest number of memory maps seen, beside what a process may have.
+"""
+
+import sys
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ciphernav_jax.secret import reveal, secure, share, simulate
+from ciphernav_jax.secret.programs import ALLOWED, MAPS
+
+KEY = jax.random.key(0)
+RNG = np.random.default_rng(0)
+W, X, Y = (RNG.normal(size=shape).astype(np.float32) for shape in ((4, 3), (5, 4), (5, 3)))
+BOUND = 1e-3  # a wide one: some thousand units
+
+
+def loss(factor: float) -> Callable[..., jax.Array]:
+    return lambda w: factor * jnp.mean((jax.nn.relu(X @ w) - Y) ** 2)
+
+
+def by_itself(factor: float) -> Callable[..., jax.Array]:
+    step = secure(jax.grad(loss(factor)))
+    return lambda w: reveal(step(KEY, share(KEY, w, parties=2)))
+
+
+def part_of_another(factor: float) -> Callable[..., jax.Array]:
+    return jax.jit(by_itself(factor))
+
+
+def through_the_protocol(factor: float) -> Callable[..., jax.Array]:
+    simulated = simulate(loss(factor), parties=2)
+    return jax.grad(lambda w: simulated(KEY, w))
+
+
+def main() -> None:
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 500
+    ways = (by_itself, part_of_another, through_the_protocol)
+    factors = [1 + i / count for i in range(count)]
+    functions = [ways[i % len(ways)](factor) for i, factor in enumerate(factors)]
+    expected = jax.grad(loss(1.0))(W)
+    most = 0
+    for again in (False, True):
+        for i, (factor, function) in enumerate(zip(factors, functions, strict=True)):
+            error = np.max(np.abs(function(W) - factor * expected))
+            if error > BOUND:
+                raise SystemExit(f"function {i}, {ways[i % len(ways)].__name__}, is {error:g} off")
+            with MAPS.open("rb") as lines:
+                most = max(most, sum(1 for _ in lines))
+            if i % 10 == 9:
+                print(f"{'called again' if again else 'compiled'} {i + 1}, {most:,} maps at most", flush=True)
+    print(f"{count} functions, {most:,} of {int(ALLOWED.read_text()):,} maps at most")
+
+
+if __name__ == "__main__":
+    main()
