@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from ciphernav_jax import files
 from ciphernav_jax.cli.options import WorkName
 from ciphernav_jax.experiments import bench, floor, peers, variants
 from ciphernav_jax.experiments.growth import Turns, growth
@@ -138,7 +139,7 @@ def fake(tmp_path):
     python = home / "bin" / "python"
     python.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
     python.chmod(0o755)
-    (home / "complete.json").write_text("[]")
+    files.write_json(home / "complete.json", {"installs": []})
 
     def peer(title, code):
         worker = tmp_path / f"{title}.py"
@@ -169,7 +170,7 @@ def test_the_whole_bench(fake, tmp_path, capsys):
         with_peers=[fake("broken", "print('no such thing'); sys.exit(3)"), fake("good", GOOD)],
         sizes=TINY,
     )
-    assert json.loads((tmp_path / "bench.json").read_text()) == json.loads(json.dumps(document))
+    assert files.read_json(tmp_path / "bench.json") == json.loads(json.dumps(document))
     assert [(r["work"], r["protocol"]) for r in document["results"]] == [
         ("product", "default"),
         ("product", "frac_bits=16"),
@@ -201,7 +202,8 @@ def test_what_is_finished_is_kept(fake, tmp_path):
     broken = fake_again = fake_worker(tmp_path, "peer")
     assert run_peers(broken, tmp_path) == first
     # Another version is another question.
-    (tmp_path / "peers" / "environments" / "fake" / "complete.json").write_text('[["peer==2"]]')
+    home = tmp_path / "peers" / "environments" / "fake"
+    files.write_json(home / "complete.json", {"installs": [["peer==2"]]})
     newer = replace(fake_again, environment=peers.Environment("fake", (("peer==2",),)))
     assert [r["status"] for r in run_peers(newer, tmp_path)] == ["failed"] * 2
 

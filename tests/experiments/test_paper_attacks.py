@@ -1,4 +1,3 @@
-import json
 from types import SimpleNamespace
 
 import jax
@@ -6,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ciphernav_jax import files
 from ciphernav_jax.experiments.paper import attack, queries, reconstruction
 from ciphernav_jax.experiments.paper.reconstruction import Look, Rows
 from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
@@ -117,7 +117,7 @@ def test_a_result_is_measured_once(tmp_path):
     document = attack.recorded(path, 3, {"rows": 2}, measure)
     assert (document["name"], document["seed"], document["results"]) == ("queries", 3, {"rate": 1.5})
     assert set(document["seconds"]) == {"part", "all"}
-    assert json.loads(path.read_text()) == attack.recorded(path, 3, {"rows": 2}, lambda: pytest.fail("again"))
+    assert files.read_json(path) == attack.recorded(path, 3, {"rows": 2}, lambda: pytest.fail("again"))
     with pytest.raises(ValueError, match="another configuration"):
         attack.recorded(path, 3, {"rows": 3}, measure)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ciphernav_jax import files
 from ciphernav_jax.experiments.paper import accuracy, beyond, fewest_steps, paper_recipe, runs
 from ciphernav_jax.experiments.paper.runs import Options, Row
 from ciphernav_jax.experiments.report import table
@@ -33,7 +34,7 @@ def small(monkeypatch, tmp_path):
 def test_a_secret_row_is_written_whole_and_only_once(small, monkeypatch):
     document = runs.run_row(SECRET, 0, {"plaintext": TEACHER}, small)
     path = small.results / "secret-3-0.json"
-    assert json.loads(path.read_text()) == document
+    assert files.read_json(path) == document
     assert [point["step"] for point in document["curve"]] == [2, 4]
     assert document["seconds"]["train"] > 0 < document["seconds"]["compile"]
     assert all(point["failed"] == 0 < point["truncations"] for point in document["curve"])

@@ -1,6 +1,5 @@
 import base64
 import io
-import json
 import re
 from html.parser import HTMLParser
 
@@ -8,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from ciphernav_jax import files
 from ciphernav_jax.experiments.report import (
     attacks,
     costs,
@@ -150,9 +150,8 @@ def folder(tmp_path):
     runs += [run("longer-2", seed) for seed in range(2)]
     runs += [careful("beyond-2", seed, alone=1 + seed) for seed in range(2)]
     documents = {f"{document['row']}-{document['seed']}": document for document in runs}
-    (tmp_path / "paper").mkdir()
     for name, document in (documents | {k: v | MACHINE for k, v in others().items()}).items():
-        (tmp_path / "paper" / f"{name}.json").write_text(json.dumps(document))
+        files.write_json(tmp_path / "paper" / f"{name}.json", document)
     return tmp_path
 
 

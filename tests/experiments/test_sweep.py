@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 
+from ciphernav_jax import files
 from ciphernav_jax.cli.options import VARIANTS
 from ciphernav_jax.experiments import process, sweep, variants
 from ciphernav_jax.experiments.failures import failures
@@ -109,7 +110,7 @@ def test_the_table_names_what_is_no_protocol_and_what_cannot_be(instant, tmp_pat
     monkeypatch.setattr(sweep.console, "width", 200)
     document = swept(tmp_path, [2, 5])
     assert len(instant) == 5  # local truncation is not tried with five parties
-    assert json.loads((tmp_path / "sweep.json").read_text()) == json.loads(json.dumps(document))
+    assert files.read_json(tmp_path / "sweep.json") == json.loads(json.dumps(document))
     text = (tmp_path / "sweep.md").read_text()
     assert text == sweep.markdown(document)
     assert "| default | 2 | 20 | 20 | 43 | 10 | 2.5 | 1.0e-05 | +12 % | 7 of 1,024 |" in text
