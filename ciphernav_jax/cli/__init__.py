@@ -1,6 +1,7 @@
 """The command line: `ciphernav generate | train | evaluate | demo | bench | sweep | report`.
 
 - `options`: what each command can be told.
+- `endings`: how a command ends: exit codes, and one line that says why.
 - `commands`: train and evaluate.
 - `demo`: the whole job, small.
 
@@ -10,10 +11,9 @@ What a command needs is imported when it runs, so that `--help` is quick and the
 render never load JAX.
 """
 
-import sys
-
 import tyro
 
+from ciphernav_jax.cli import endings, options
 from ciphernav_jax.cli.options import Bench, Demo, Evaluate, Report, Sweep, Train
 from ciphernav_jax.world.generate import Generate
 
@@ -33,11 +33,9 @@ def main() -> None:
         prog="ciphernav",
         description="A robot that navigates by other parties' cameras while nobody sees anybody's images.",
     )
-    try:
+    with endings.one_line():
+        options.check(command)
         _run(command)
-    except (ValueError, FileNotFoundError, FileExistsError, RuntimeError) as error:
-        print(f"ciphernav: {error}", file=sys.stderr)
-        sys.exit(1)
 
 
 def _run(command: Generate | Train | Evaluate | Demo | Bench | Sweep | Report) -> None:

@@ -5,13 +5,13 @@ from typing import Any
 
 from rich.console import Console
 
+from ciphernav_jax import files
 from ciphernav_jax.cli.options import Evaluate, Train
 from ciphernav_jax.experiments import variants
-from ciphernav_jax.files import write_json
 from ciphernav_jax.navigation import metrics, trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.methods import METHODS
-from ciphernav_jax.navigation.parties import cast, statement
+from ciphernav_jax.navigation.parties import statement
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.progress import bar
 from ciphernav_jax.navigation.rollout import random_walk
@@ -31,6 +31,7 @@ def train(args: Train) -> None:
     """
     secret = args.method == "secret"
     _check(args, secret)
+    protocol = _protocol(args.variant)
     data = dataset.load(args.data)
     if args.method in METHODS:
         recipe = EndToEnd(loss=args.loss, **_given(epochs=args.epochs, batch=args.batch))
@@ -43,9 +44,7 @@ def train(args: Train) -> None:
             console.print(statement(parties), highlight=False)
         recipe = FreshClassifier(**_given(steps=args.steps, batch=args.batch))
         with bar(f"secret, {parties} parties" if parties else args.method) as report:
-            trained.train_classifier(
-                data, teacher, recipe, args.seed, args.out, report, parties, _protocol(args.variant)
-            )
+            trained.train_classifier(data, teacher, recipe, args.seed, args.out, report, parties, protocol)
     console.print(f"Trained: {args.out}. Next: ciphernav evaluate --model {args.out} --data TEST_SET")
 
 
@@ -56,23 +55,26 @@ def evaluate(args: Evaluate) -> None:
         ValueError: the training folder is unfinished, damaged or foreign; or the data set is.
         FileNotFoundError: no data set.
     """
+    random = str(args.model) == "random"
+    if random and (args.parties or args.variant != "default"):
+        raise ValueError("--parties and --variant are for trained models; a random walk has no secrets")
+    protocol = _protocol(args.variant)
     data = dataset.load(args.data)
-    if str(args.model) == "random":
+    out = args.out or (Path("out/random") if random else args.model / "evaluation")
+    if random:
         name, episodes = "random", random_walk(data, args.seed)
-        out = args.out or Path("out/random")
     else:
         config, model = trained.load(args.model)
         name = trained.row(config, args.parties)
         if parties := config["parties"] or args.parties:
             console.print(statement(parties, public_weights=not config["parties"]), highlight=False)
-        with console.status(f"{len(data)} robots drive"):
-            episodes = trained.drive(
-                data, config, model, args.seed, args.parties, protocol=_protocol(args.variant)
-            )
-        out = args.out or args.model / "evaluation"
+        with files.claimed(out), console.status(f"{len(data)} robots drive"):
+            episodes = trained.drive(data, config, model, args.seed, args.parties, protocol=protocol)
     counts = metrics.tally(data, episodes)
     described = {key: data.meta.get(key) for key in ("split", "count", "seed", "unseen_by")}
-    write_json(out / "metrics.json", {"method": name, "seed": args.seed, "data": described, "counts": counts})
+    document = {"method": name, "seed": args.seed, "data": described, "counts": counts}
+    with files.claimed(out):
+        files.write_json(out / "metrics.json", document)
     console.print(metrics.table({name: counts}, str(args.data)))
     console.print(f"Written: {out / 'metrics.json'}")
 
@@ -93,18 +95,14 @@ def _encoders(args: Train, data: dataset.Dataset) -> Trained:
 def _check(args: Train, secret: bool) -> None:
     if args.variant != "default" and not secret:
         raise ValueError(f"--variant is for --method secret; {args.method} has no secrets")
-    if args.parties is not None:
-        if not secret:
-            raise ValueError(f"--parties is for --method secret; {args.method} has no secrets")
-        cast(args.parties)
+    if args.parties is not None and not secret:
+        raise ValueError(f"--parties is for --method secret; {args.method} has no secrets")
     if args.method in METHODS and (args.encoders or args.steps):
         raise ValueError(
             f"--encoders and --steps are for secret and plaintext-classifier, not for {args.method}"
         )
-    for name in ("epochs", "steps", "batch"):
-        value = getattr(args, name)
-        if value is not None and value < 1:
-            raise ValueError(f"--{name} must be at least 1, not {value}")
+    if args.encoders and (args.epochs or args.loss != "cross-entropy"):
+        raise ValueError("--epochs and --loss are for encoders that are trained; --encoders keeps others")
 
 
 def _protocol(text: str) -> Protocol | None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from ciphernav_jax import files
 from ciphernav_jax.cli.options import Demo
 from ciphernav_jax.files import write_json, write_text
 from ciphernav_jax.navigation import metrics, pictures, record, trained
@@ -49,10 +50,16 @@ def run(args: Demo) -> None:
 
     Raises:
         ValueError: fewer than two parties, or a folder with something else in it.
+        BusyError: another process is at work in the folder.
         RuntimeError: no OpenGL; the message says what to install.
     """
     for parties in args.parties:
         cast(parties)
+    with files.claimed(args.out):
+        _run(args)
+
+
+def _run(args: Demo) -> None:
     clock, resumed = Clock(), (args.out / "models").exists()
 
     console.rule("1. A world, rendered by MiniWorld")
@@ -127,6 +134,6 @@ def _draw(
     pictures.curves(plain, drawn, out / "curves.png")
     drivers = ["map-only", f"secret-{parties}"]
     blind, seeing = (episodes[name] for name in drivers)
-    shown = pictures.interesting(test, blind, seeing)
+    shown = pictures.interesting(test, blind, seeing) or [0]
     driven = {metrics.title(name): episodes[name] for name in drivers}
     pictures.episodes(test, driven, shown, out / "episodes.png")

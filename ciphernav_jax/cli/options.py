@@ -3,7 +3,7 @@
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
 import tyro
 
@@ -33,6 +33,40 @@ VARIANTS = (
 )
 
 
+class Within(NamedTuple):
+    """The range of an option's number, or of each of its numbers."""
+
+    least: int
+    most: int
+
+
+SEED = Within(0, 2**63 - 1)
+PARTIES = Within(2, 1024)
+COUNT = Within(1, 10**9)
+EPOCHS = Within(1, 10_000)
+SECONDS = Within(0, 10**9)
+
+PartiesList = Annotated[list[int], PARTIES, tyro.conf.arg(metavar="P [P ...]")]
+VariantList = Annotated[list[str], tyro.conf.arg(metavar="VARIANT [VARIANT ...]")]
+
+
+def check(command: Any) -> None:
+    """Refuse options out of range, and those of several values without any.
+
+    Raises:
+        ValueError: the message names the option.
+    """
+    for name, hint in get_type_hints(type(command), include_extras=True).items():
+        value, option = getattr(command, name), f"--{name.replace('_', '-')}"
+        if value == []:
+            raise ValueError(f"{option} needs at least one value")
+        numbers = value if isinstance(value, list) else [] if value is None else [value]
+        for least, most in (said for said in getattr(hint, "__metadata__", ()) if isinstance(said, Within)):
+            for number in numbers:
+                if not least <= number <= most:
+                    raise ValueError(f"{option} must lie in {least}..{most}, not at {number}")
+
+
 @dataclass
 class Train:
     """Train a navigator. Killed, the same command goes on with it and ends with the same bits.
@@ -41,6 +75,11 @@ class Train:
     encoders and classifier together in plaintext. `secret` keeps a plaintext training's encoders and
     trains a new classifier from scratch under secret sharing; `plaintext-classifier` does the same
     without secrets, for comparison.
+
+    For example:
+
+        ciphernav train --method plaintext --data out/train --out out/plaintext
+        ciphernav train --method secret --parties 5 --encoders out/plaintext --data out/train --out out/secret
     """
 
     method: Method
@@ -49,7 +88,7 @@ class Train:
     """Training set, made by `ciphernav generate --split train`."""
     out: Path
     """Folder for the checkpoints, the result and the training curve."""
-    parties: int | None = None
+    parties: Annotated[int | None, PARTIES] = None
     """Parties of a secret training: 2 (robot, owner of all cameras), 5 (robot, four owners), or any
     other number from 2 on. Default 2."""
     variant: str = "default"
@@ -57,13 +96,13 @@ class Train:
     Robots then drive by it too. See `ciphernav sweep --help`."""
     encoders: Path | None = None
     """Finished `plaintext` training whose encoders to keep; without it one is trained in OUT/encoders."""
-    seed: int = 0
+    seed: Annotated[int, SEED] = 0
     """Decides everything random."""
-    epochs: int | None = None
+    epochs: Annotated[int | None, EPOCHS] = None
     """Passes over the environments when training end to end; default 24."""
-    steps: int | None = None
+    steps: Annotated[int | None, COUNT] = None
     """Steps of a secret training, or of plaintext-classifier; default 1060."""
-    batch: int | None = None
+    batch: Annotated[int | None, COUNT] = None
     """Batch size: environments end to end (default 50), samples for a classifier alone (default 500)."""
     loss: Literal["cross-entropy", "squared"] = "cross-entropy"
     """Loss end to end; the paper's is squared. A classifier alone always has the squared loss."""
@@ -75,6 +114,11 @@ class Evaluate:
 
     A secret one drives under secret sharing: the best action is opened at each step, nothing else. With
     `--parties` so does one that was trained in plaintext: its weights are then public, the inputs secret.
+
+    For example:
+
+        ciphernav evaluate --model out/secret --data out/test
+        ciphernav evaluate --model random --data out/test
     """
 
     model: Path
@@ -83,13 +127,13 @@ class Evaluate:
     """Test set, made by `ciphernav generate --split test`."""
     out: Path | None = None
     """Folder for metrics.json; by default MODEL/evaluation (out/random for the random walk)."""
-    parties: int | None = None
+    parties: Annotated[int | None, PARTIES] = None
     """Drive under secret sharing among so many parties; for a secret training the number it was trained with.
     """
     variant: str = "default"
     """Protocol with `--parties`, as what differs from the default: opened=logits. A secret training drives by
     the one that it was trained with."""
-    seed: int = 0
+    seed: Annotated[int, SEED] = 0
     """Of the shares and protocols, or of the random walk."""
 
 
@@ -99,23 +143,28 @@ class Demo:
 
     Takes a few minutes on two cores. OUT then holds the table (table.json, table.md), the
     training curves (curves.png) and some episodes (episodes.png). Killed, it goes on where it was.
+
+    For example:
+
+        ciphernav demo --out out/demo
+        ciphernav demo --out out/tiny --train 200 --test 50 --epochs 2 --steps 20 --parties 3
     """
 
     out: Path = Path("out/demo")
     """Folder for everything that is made."""
-    seed: int = 0
+    seed: Annotated[int, SEED] = 0
     """Decides everything random."""
-    train: int = 3000
+    train: Annotated[int, COUNT] = 3000
     """Training environments."""
-    test: int = 600
+    test: Annotated[int, COUNT] = 600
     """Test environments."""
-    epochs: int = 18
+    epochs: Annotated[int, EPOCHS] = 18
     """Epochs of the plaintext trainings."""
-    steps: int = 424
+    steps: Annotated[int, COUNT] = 424
     """Steps of the secret trainings."""
-    parties: Annotated[list[int], tyro.conf.arg(metavar="P [P ...]")] = field(default_factory=lambda: [2, 5])
+    parties: PartiesList = field(default_factory=lambda: [2, 5])
     """Numbers of parties to train with in secret."""
-    workers: int = os.cpu_count() or 1
+    workers: Annotated[int, Within(1, 1024)] = os.cpu_count() or 1
     """Rendering processes."""
 
 
@@ -132,32 +181,31 @@ class Bench:
     index that pip is set up for) and runs the same work there. Finished measurements of peers are kept:
     the same command goes on where it was. A peer that cannot be installed or does not finish is said so.
 
-    For example: `ciphernav bench --work train --parties 2 5 --variant default truncation=nearest`.
+    For example:
+
+        ciphernav bench --work train --parties 2 5 --variant default truncation=nearest
+        ciphernav bench --peers
     """
 
     out: Path = Path("out/bench")
     """Folder for bench.json and bench.md, and for the peers."""
-    parties: Annotated[list[int], tyro.conf.arg(metavar="P [P ...]")] = field(
-        default_factory=lambda: [2, 3, 5, 8, 16]
-    )
+    parties: PartiesList = field(default_factory=lambda: [2, 3, 5, 8, 16])
     """Numbers of parties; of them a peer runs those that it can do, at most 5."""
     work: Annotated[list[WorkName], tyro.conf.arg(metavar="WORK [WORK ...]")] = field(
         default_factory=lambda: list(get_args(WorkName))
     )
     """What to time: product, relu, forward, forward-public (public weights), train (one step), train-loop
     (steps in one compiled loop). All of them by default."""
-    variant: Annotated[list[str], tyro.conf.arg(metavar="VARIANT [VARIANT ...]")] = field(
-        default_factory=lambda: ["default"]
-    )
+    variant: VariantList = field(default_factory=lambda: ["default"])
     """Protocols, each as what differs from the default, such as truncation=nearest,frac_bits=16. The peers
     are compared with the first."""
-    repeat: int | None = None
+    repeat: Annotated[int | None, COUNT] = None
     """Timed calls; by default as many as fit in three seconds, and 5 of a peer."""
-    seed: int = 0
+    seed: Annotated[int, SEED] = 0
     """Of the inputs, the shares and the protocols."""
     peers: bool = False
     """Run the other frameworks too."""
-    time_limit: float = 300
+    time_limit: Annotated[float, SECONDS] = 300
     """Seconds after which a peer's work counts as not finished."""
 
 
@@ -174,23 +222,24 @@ class Sweep:
     Each variant with each number of parties runs in a process of its own, and what OUT holds already is kept:
     the same command goes on where it was killed, and another one adds to the same table.
 
-    For example: `ciphernav sweep --parties 2 5 --variant default truncation=nearest,frac_bits=16`.
+    For example:
+
+        ciphernav sweep --parties 2 5 --variant default truncation=nearest,frac_bits=16
+        ciphernav sweep --out out/quick --parties 2 --steps 10
     """
 
     out: Path = Path("out/sweep")
     """Folder for sweep.json, sweep.md and sweep.png."""
-    parties: Annotated[list[int], tyro.conf.arg(metavar="P [P ...]")] = field(default_factory=lambda: [2, 5])
+    parties: PartiesList = field(default_factory=lambda: [2, 5])
     """Numbers of parties. A variant takes longer with more of them, resharing by far the most."""
-    variant: Annotated[list[str], tyro.conf.arg(metavar="VARIANT [VARIANT ...]")] = field(
-        default_factory=lambda: list(VARIANTS)
-    )
+    variant: VariantList = field(default_factory=lambda: list(VARIANTS))
     """Protocols, each as what differs from the default. *Ideal* variants, a trusted third party, are no
     protocols and are marked so; local truncation is for two parties."""
-    steps: int = 100
+    steps: Annotated[int, COUNT] = 100
     """Steps of the training whose loss is compared with float64; a multiple of 10."""
-    time_limit: float = 15
+    time_limit: Annotated[float, SECONDS] = 15
     """Seconds: no such training where it would take longer; its steps are then timed alone."""
-    seed: int = 0
+    seed: Annotated[int, SEED] = 0
     """Of the weights, the data, the shares and the protocols."""
 
 
@@ -201,6 +250,11 @@ class Report:
     OUT then holds the page (report.html, one file that loads nothing from elsewhere), the tables in Markdown
     (paper.md), and the pictures. What has no result file is said to be missing, with the command that
     makes it.
+
+    For example:
+
+        ciphernav report
+        ciphernav report --results results --out out/report --readme README.md
     """
 
     results: Path = Path("results")

@@ -3,7 +3,8 @@
 - `work`: what is computed, the same for everybody: ordinary JAX functions and their inputs.
 - `variants`: protocol variants as words of a command line.
 - `floor`: what a work needs at least, at rates measured on the spot.
-- `process`, `tables`: a process for each measurement; tables for a terminal and in Markdown, a bar.
+- `process`: a process for each measurement, which ends with its parent.
+- `tables`: tables for a terminal and in Markdown, a bar.
 - `measure`: one work, one number of parties, one process.
 - `growth`: one work, all numbers of parties in turns, one process.
 - `peers`: other frameworks on the same work, each in a virtual environment of its own.

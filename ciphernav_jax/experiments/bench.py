@@ -19,7 +19,7 @@ from ciphernav_jax.experiments import floor, growth, measure, peers, process, ta
 from ciphernav_jax.experiments.growth import Turns
 from ciphernav_jax.experiments.measure import Order
 from ciphernav_jax.experiments.tables import ms
-from ciphernav_jax.experiments.work import Sizes, works
+from ciphernav_jax.experiments.work import Sizes, Work, works
 from ciphernav_jax.files import write_json, write_text
 from ciphernav_jax.navigation import record
 from ciphernav_jax.protocols import Protocol
@@ -102,6 +102,7 @@ def run(
 
     Raises:
         ValueError: an unknown work, fewer than two parties.
+        BusyError: another process measures into OUT.
         RuntimeError: a measurement of our own failed.
     """
     sizes = sizes or Sizes()
@@ -113,7 +114,21 @@ def run(
     if repeat is not None and repeat < 1:
         raise ValueError(f"--repeat must be at least 1, not {repeat}")
     chosen = [work for name, work in known.items() if name in names]
+    with files.claimed(out):
+        return _run(sorted(set(parties)), chosen, protocols, out, seed, repeat, with_peers, time_limit, sizes)
 
+
+def _run(
+    parties: Sequence[int],
+    chosen: Sequence[Work],
+    protocols: Sequence[Protocol],
+    out: Path,
+    seed: int,
+    repeat: int | None,
+    with_peers: Sequence[peers.Peer],
+    time_limit: float,
+    sizes: Sizes,
+) -> dict[str, Any]:
     orders = [
         Order(work.name, count, protocol, sizes, seed, repeat)
         for protocol, work, count in itertools.product(protocols, chosen, parties)

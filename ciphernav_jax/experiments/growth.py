@@ -5,18 +5,15 @@ wanders, within minutes, by more than the growth that is looked for; so each tim
 the fewest parties in the same round.
 """
 
-import sys
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
-from ciphernav_jax.experiments import floor
+from ciphernav_jax.experiments import floor, process
 from ciphernav_jax.experiments.measure import compiled, shared, summary, timed
 from ciphernav_jax.experiments.work import Sizes, works
-from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.protocols import Protocol
 
 
@@ -86,4 +83,4 @@ def growth(turns: Turns) -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    write_json(Path(sys.argv[2]), {"results": growth(Turns.from_json(read_json(Path(sys.argv[1]))))})
+    process.answer(lambda order: {"results": growth(Turns.from_json(order))})

@@ -9,16 +9,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 from jax import Array
 
-from ciphernav_jax.experiments import floor
+from ciphernav_jax.experiments import floor, process
 from ciphernav_jax.experiments.work import Sizes, Work, error, works
-from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import reveal, share
 
@@ -124,4 +122,4 @@ def summary(times: list[float]) -> dict[str, float | int]:
 
 
 if __name__ == "__main__":
-    write_json(Path(sys.argv[2]), measure(Order.from_json(read_json(Path(sys.argv[1])))))
+    process.answer(lambda order: measure(Order.from_json(order)))

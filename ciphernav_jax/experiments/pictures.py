@@ -1,12 +1,14 @@
 """The picture of a sweep."""
 
-import os
+import io
 from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
+
+from ciphernav_jax.files import write_bytes
 
 # Okabe and Ito's colours, for the default and the extremes; the others are grey.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -161,7 +163,6 @@ def _parties(result: dict[str, Any]) -> int:
 
 def save(figure: Figure, path: Path) -> None:
     """Write a PNG, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(path.name + ".part")
-    figure.savefig(aside, format="png", dpi=90)
-    os.replace(aside, path)
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=90)
+    write_bytes(path, file.getvalue())

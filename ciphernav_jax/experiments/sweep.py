@@ -15,10 +15,11 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from ciphernav_jax import files
 from ciphernav_jax.experiments import pictures, process, tables, trial
 from ciphernav_jax.experiments.tables import Cells, ms
 from ciphernav_jax.experiments.trial import Effort, Trial
-from ciphernav_jax.files import read_json, write_json, write_text
+from ciphernav_jax.files import DamagedError, read_json, write_json, write_text
 from ciphernav_jax.navigation import record
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.sharing import require_parties
@@ -80,13 +81,21 @@ def run(
 
     Raises:
         ValueError: fewer than two parties; OUT holds a sweep of another seed or effort.
+        BusyError: another process sweeps into OUT.
         RuntimeError: a trial failed.
     """
     for count in parties:
         require_parties(count)
     effort = effort or Effort()
     if effort.steps % effort.chunk or effort.steps < 1:
-        raise ValueError(f"the steps must be a multiple of {effort.chunk}, not {effort.steps}")
+        raise ValueError(f"--steps must be a multiple of {effort.chunk}, not {effort.steps}")
+    with files.claimed(out):
+        return _run(parties, protocols, out, seed, effort)
+
+
+def _run(
+    parties: Sequence[int], protocols: Sequence[Protocol], out: Path, seed: int, effort: Effort
+) -> dict[str, Any]:
     path = out / "sweep.json"
     document = _begun(path, {"seed": seed, "effort": asdict(effort)})
     kept = {(result["protocol"], result["parties"]) for result in document["results"]}
@@ -122,11 +131,11 @@ def _begun(path: Path, configuration: dict[str, Any]) -> dict[str, Any]:
     }
     if not path.exists():
         return fresh
-    found = read_json(path)
+    found = read_json(path, remedy="remove it to start anew")
     asked = json.loads(json.dumps(fresh))  # as it would be read, with lists for tuples
     for name in ("configuration", "versions", "machine"):
         if found[name] != asked[name]:
-            raise ValueError(
+            raise DamagedError(
                 f"{path} holds a sweep with another {name}; choose another --out, or remove it to start anew"
             )
     return found

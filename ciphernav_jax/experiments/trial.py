@@ -3,9 +3,7 @@
 `python -m ciphernav_jax.experiments.trial ORDER.json RESULT.json`; `sweep` starts it.
 """
 
-import sys
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -13,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from ciphernav_jax.experiments import process
 from ciphernav_jax.experiments.failures import failures
 from ciphernav_jax.experiments.measure import calls, compiled, peak_bytes, summary, timed
 from ciphernav_jax.experiments.training import (
@@ -23,7 +22,6 @@ from ciphernav_jax.experiments.training import (
     training,
 )
 from ciphernav_jax.experiments.work import Sizes, forward
-from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import LAN, WAN, Cost, cost, reveal, secure, share
 
@@ -207,4 +205,4 @@ def _errors(errors: np.ndarray) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    write_json(Path(sys.argv[2]), result_of(Trial.from_json(read_json(Path(sys.argv[1])))))
+    process.answer(lambda order: result_of(Trial.from_json(order)))

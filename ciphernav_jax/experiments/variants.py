@@ -9,7 +9,8 @@ def parse(text: str) -> Protocol:
     """`default`, or what differs from it: `truncation=nearest,frac_bits=16`.
 
     Raises:
-        ValueError: a field or a variant that `Protocol` does not have; the message lists those it has.
+        ValueError: a field or a variant that `Protocol` does not have, or one said twice; the message lists
+            those it has.
     """
     if text == "default":
         return Protocol()
@@ -17,17 +18,20 @@ def parse(text: str) -> Protocol:
     chosen = {}
     for word in text.split(","):
         name, equals, value = (part.strip() for part in word.partition("="))
-        if not equals or name not in known:
+        if not equals or name not in known or name in chosen:
             raise ValueError(
-                f"cannot read the variant {word!r}: write NAME=VALUE, several with commas, or default; "
+                f"cannot read the variant {word!r}: write NAME=VALUE, several names with commas, or default; "
                 f"the names are {', '.join(known)}"
             )
         chosen[name] = _number(name, value) if name.endswith("_bits") else value
-    return Protocol(**chosen)
+    try:
+        return Protocol(**chosen)
+    except ValueError as error:
+        raise ValueError(f"no variant {text!r}: {error}") from None
 
 
 def _number(name: str, value: str) -> int | None:
-    if value == "None":
+    if (name, value) == ("range_bits", "None"):
         return None
     try:
         return int(value)

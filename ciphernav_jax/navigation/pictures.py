@@ -1,6 +1,6 @@
 """Pictures: training curves, and episodes with the map, the path and the five views."""
 
-import os
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ciphernav_jax.files import write_bytes
 from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.rollout import Episodes, Outcome
 from ciphernav_jax.world import topview
@@ -119,7 +120,6 @@ def _from_above(dataset: Dataset, result: Episodes, env: int) -> NDArray[np.uint
 
 
 def _save(figure: Figure, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(path.name + ".part")
-    figure.savefig(aside, format="png", dpi=110)
-    os.replace(aside, path)
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=110)
+    write_bytes(path, file.getvalue())

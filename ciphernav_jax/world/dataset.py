@@ -3,6 +3,7 @@
 Loading needs neither MiniWorld nor OpenGL nor JAX; generating starts processes that have them.
 """
 
+import errno
 import importlib.metadata
 import shutil
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ from ciphernav_jax import files
 from ciphernav_jax.files import DamagedError
 from ciphernav_jax.world.grid import CELLS, HEADINGS, MAX_ACTIONS, WALLS
 from ciphernav_jax.world.journal import Journal, partial_folder
-from ciphernav_jax.world.poses import CAMERAS, IMAGE_SHAPE
+from ciphernav_jax.world.poses import CAMERAS, IMAGE_SHAPE, POSES
 from ciphernav_jax.world.scenario import MAX_OBSTACLES, Obstacle, Scenario, key
 from ciphernav_jax.world.shards import BACKGROUNDS, Request, draw_shards
 
@@ -50,6 +51,12 @@ _ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
     "obstacle_position": ("float64", (MAX_OBSTACLES, 2)),
     "obstacle_yaw": ("float64", (MAX_OBSTACLES,)),
 }
+
+
+# Views are numbered by int32, at most 104 of an environment's own.
+_MOST = (2**31 - 1) // POSES
+# Of an environment on disk, at the least: its views that are no other's, and the record of it.
+_BYTES = 60_000
 
 
 @dataclass(frozen=True)
@@ -179,10 +186,14 @@ def generate(
     """
     if split not in SPLITS:
         raise ValueError(f"split={split!r} is not one of {SPLITS}.")
-    for name, value, least in (("count", count, 1), ("seed", seed, 0), ("workers", workers, 1)):
-        if value < least:
-            raise ValueError(f"{name}={value} must be at least {least}.")
-    out = Path(out)
+    for name, value, (least, most) in (
+        ("count", count, (1, _MOST)),
+        ("seed", seed, (0, 2**63 - 1)),
+        ("workers", workers, (1, 1024)),
+    ):
+        if not least <= value <= most:
+            raise ValueError(f"{name}={value} must lie in {least}..{most}.")
+    out = Path(out).absolute()
     seen = frozenset() if unseen_by is None else load(unseen_by).pairs()
     request = Request(split, count, seed, seen)
     meta = {
@@ -197,6 +208,8 @@ def generate(
     }
     if _holds(out, meta):
         return load(out)
+    if not partial_folder(out).exists():
+        _require_room(out, count)
     with files.claimed(partial_folder(out)):
         if not _holds(out, meta):  # nobody has made it meanwhile
             journal = Journal(out, meta)
@@ -210,6 +223,15 @@ def generate(
         else:
             shutil.rmtree(partial_folder(out))
     return load(out, verify=False)
+
+
+def _require_room(out: Path, environments: int) -> None:
+    """Raises an `OSError` where the disk has no room for so many environments."""
+    there = next(folder for folder in out.parents if folder.exists())
+    free, needed = shutil.disk_usage(there).free, environments * _BYTES
+    if needed > free:
+        said = f"{environments:,} environments need at least {needed / 1e9:,.1f} GB"
+        raise OSError(errno.ENOSPC, f"{said}, and {free / 1e9:,.1f} GB are free", str(out))
 
 
 class _Rate(ProgressColumn):

@@ -10,7 +10,13 @@ from ciphernav_jax.world import dataset
 
 @dataclass
 class Generate:
-    """Draw and render environments of Obstacle World. Killed, it resumes to the same bytes."""
+    """Draw and render environments of Obstacle World. Killed, it resumes to the same bytes.
+
+    For example:
+
+        ciphernav generate --out out/train
+        ciphernav generate --split test --count 2250 --out out/test --unseen-by out/train
+    """
 
     out: Path
     """The folder to write; `<out>.partial` is used until it is complete."""

@@ -28,6 +28,7 @@ _VIEW_BYTES = int(np.prod(IMAGE_SHAPE))
 
 def partial_folder(out: Path) -> Path:
     """Where a data set is kept until it is complete."""
+    out = out.absolute()
     return out.with_name(out.name + ".partial")
 
 

@@ -18,6 +18,7 @@ from multiprocessing.connection import Connection, wait
 import numpy as np
 from numpy.typing import NDArray
 
+from ciphernav_jax.lifeline import end_with_parent, lifeline
 from ciphernav_jax.world import planner, visibility
 from ciphernav_jax.world.grid import WALLS
 from ciphernav_jax.world.poses import CAMERAS, IMAGE_SHAPE, POSE_CELL, POSES
@@ -143,7 +144,8 @@ def draw_shards(request: Request, numbers: Sequence[int], workers: int) -> Itera
     """
     waiting, finished = deque(numbers), {}
     with ExitStack() as stack:
-        busy = [stack.enter_context(_Worker()) for _ in range(min(workers, len(numbers)))]
+        stdin = stack.enter_context(lifeline())
+        busy = [stack.enter_context(_Worker(stdin)) for _ in range(min(workers, len(numbers)))]
         for worker in busy:
             worker.order(request, waiting.popleft())
         for number in numbers:
@@ -163,13 +165,21 @@ def draw_shards(request: Request, numbers: Sequence[int], workers: int) -> Itera
 
 
 class _Worker:
-    """A rendering process. It ends when its pipe closes, which also happens if this process is killed."""
+    """A rendering process. It ends with this one, see `lifeline`, which is its standard input."""
+
+    def __init__(self, stdin: int):
+        self._stdin = stdin
 
     def __enter__(self) -> "_Worker":
         self.pipe, theirs = Pipe()
         program = f"from ciphernav_jax.world.shards import serve; serve({theirs.fileno()})"
         with theirs:
-            self._process = subprocess.Popen([sys.executable, "-c", program], pass_fds=[theirs.fileno()])
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", program],
+                stdin=self._stdin,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,  # Ctrl-C is for this process, which then ends the others
+            )
         return self
 
     def __exit__(self, *_) -> None:
@@ -196,6 +206,7 @@ class _Worker:
 
 def serve(descriptor: int) -> None:
     """A worker's life: receives (request, number), sends (number, shard or error), until the pipe ends."""
+    end_with_parent()
     with Connection(descriptor) as pipe, suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
             request, number = pipe.recv()

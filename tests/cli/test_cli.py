@@ -1,9 +1,13 @@
+import os
+import shutil
+import signal
 import subprocess
 import sys
 
 import pytest
 
 from ciphernav_jax import cli
+from ciphernav_jax.files import DamagedError
 
 
 def run(monkeypatch, *words):
@@ -22,12 +26,13 @@ def run(monkeypatch, *words):
         ("demo", "--workers"),
         ("bench", "--peers"),
         ("sweep", "--variant"),
+        ("report", "--readme"),
     ],
 )
-def test_every_command_has_help_with_a_seed_and_an_output_folder(monkeypatch, capsys, command, word):
+def test_every_command_has_help_with_examples_and_an_output_folder(monkeypatch, capsys, command, word):
     assert run(monkeypatch, command, "--help") == 0
     shown = capsys.readouterr().out
-    assert all(option in shown for option in (word, "--seed", "--out"))
+    assert all(words in shown for words in (word, "--out", "For example:", f"ciphernav {command} "))
 
 
 def test_help_imports_no_jax():
@@ -38,10 +43,17 @@ def test_help_imports_no_jax():
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["train", "--method", "secret", "--parties", "1"], "at least two parties"),
+        (["train", "--method", "secret", "--parties", "1"], "--parties must lie in 2..1024, not at 1"),
         (["train", "--method", "map-only", "--parties", "2"], "has no secrets"),
         (["train", "--method", "map-only", "--steps", "2"], "not for map-only"),
-        (["train", "--method", "map-only", "--epochs", "0"], "--epochs must be at least 1"),
+        (["train", "--method", "map-only", "--epochs", "0"], "--epochs must lie in 1.."),
+        (["train", "--method", "map-only", "--seed", "-1"], "--seed must lie in 0..9223372036854775807"),
+        (["train", "--method", "map-only", "--seed", str(10**24)], "--seed must lie in"),
+        (["train", "--method", "secret", "--variant", "frac_bits=None"], "frac_bits is a number of bits"),
+        (["train", "--method", "secret", "--variant", "frac_bits=31"], "no variant 'frac_bits=31'"),
+        (["train", "--method", "secret", "--encoders", "x", "--epochs", "2"], "--encoders keeps others"),
+        (["evaluate", "--model", "random", "--parties", "2"], "a random walk has no secrets"),
+        (["evaluate", "--model", "random", "--variant", "opened=logits"], "a random walk has no secrets"),
         (["train", "--method", "map-only"], "ciphernav generate"),
         (["evaluate", "--model", "nowhere"], "ciphernav generate"),
     ],
@@ -50,5 +62,78 @@ def test_errors_are_one_line_with_the_way_out(monkeypatch, capsys, tmp_path, wor
     assert run(monkeypatch, *words, "--data", tmp_path, "--out", tmp_path / "out") == 1
     error = capsys.readouterr().err
     assert message in error
-    assert "Traceback" not in error
+    assert error.startswith("ciphernav: ")
+    assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["generate", "--count", str(10**12)], "count=1000000000000 must lie in"),
+        (["generate", "--count", str(2 * 10**7)], "20,000,000 environments need at least"),
+        (["generate", "--seed", "-1"], "seed=-1 must lie in"),
+        (["bench", "--work"], "--work needs at least one value"),
+        (["bench", "--parties"], "--parties needs at least one value"),
+        (["bench", "--peers", "--time-limit", "nan"], "--time-limit must lie in"),
+        (["sweep", "--variant"], "--variant needs at least one value"),
+        (["sweep", "--steps", "15"], "--steps must be a multiple of 10"),
+        (["demo", "--test", "0"], "--test must lie in"),
+        (["report", "--results", "nowhere"], "say with --results where"),
+    ],
+)
+def test_options_out_of_range_are_named(monkeypatch, capsys, tmp_path, words, message):
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(0, 0, 10**12))
+    assert run(monkeypatch, *words, "--out", tmp_path / "out") == 1
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def terminate():
+    os.kill(os.getpid(), signal.SIGTERM)
+    signal.pause()
+
+
+def interrupt():
+    os.kill(os.getpid(), signal.SIGINT)
+    signal.pause()
+
+
+def fail(error):
+    raise error
+
+
+@pytest.mark.parametrize(
+    ("happens", "code", "message"),
+    [
+        (interrupt, 130, "interrupted"),
+        (terminate, 143, "told to end"),
+        (
+            lambda: fail(PermissionError(13, "Permission denied", "/there/a")),
+            1,
+            "/there/a: Permission denied; ",
+        ),
+        (lambda: fail(OSError(28, "No space left on device", "/there/a")), 1, "make room and run the same"),
+        (lambda: fail(FileNotFoundError("name another")), 1, "name another"),
+        (lambda: fail(DamagedError("/a is damaged;\nremove it")), 1, "/a is damaged; remove it"),
+        (lambda: fail(MemoryError("1 EB")), 1, "not enough memory: 1 EB"),
+    ],
+)
+def test_every_end_is_one_line_and_has_its_code(monkeypatch, capsys, happens, code, message):
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(cli, "_run", lambda command: happens())
+    assert run(monkeypatch, "report") == code
+    error = capsys.readouterr().err
+    assert error.startswith("ciphernav: ")
+    assert message in error
+    assert error.count("\n") == 1
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_fault_of_the_program_keeps_its_traceback(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["ciphernav", "report"])
+    monkeypatch.setattr(cli, "_run", lambda command: fail(KeyError("a")))
+    with pytest.raises(KeyError):
+        cli.main()

@@ -165,7 +165,7 @@ def test_unseen_set_by_the_command(small, small_folder, tmp_path, capsys):
     ("change", "message"),
     [
         ({"split": "dev"}, "split='dev'"),
-        ({"count": 0}, "count=0"),
+        ({"count": 0}, "count=0 must lie in"),
         ({"seed": -1}, "seed=-1"),
         ({"workers": 0}, "workers=0"),
     ],

@@ -167,9 +167,11 @@ def measure(
         )
         try:
             said = process.communicate(timeout=limit)[0]
-        except subprocess.TimeoutExpired:
+        except BaseException as stopped:  # by the limit, or Ctrl-C
             os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
+            if not isinstance(stopped, subprocess.TimeoutExpired):
+                raise
             return {"status": "did not finish", "detail": f"not in {limit:.0f} s"}
         if process.returncode or not outputs.exists():
             return {"status": "failed", "detail": _last_lines(said)}

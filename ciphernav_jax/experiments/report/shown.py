@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ciphernav_jax.experiments.pictures import save
 from ciphernav_jax.experiments.report.results import Document
+from ciphernav_jax.files import write_bytes
 from ciphernav_jax.navigation.parties import SLOTS, Party, cast
 from ciphernav_jax.navigation.pictures import WORDS, from_above
 from ciphernav_jax.navigation.rollout import Outcome
@@ -139,10 +140,10 @@ def animation(shown: list[Frame], parties: int, path: Path) -> None:
                     (left + column * (WIDTH + margin), top + line),
                 )
         pages.append(page.quantize(64))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    pages[0].save(
-        path, save_all=True, append_images=pages[1:], duration=[900] * (len(pages) - 1) + [3000], loop=0
-    )
+    durations = [900] * (len(pages) - 1) + [3000]
+    file = io.BytesIO()
+    pages[0].save(file, "gif", save_all=True, append_images=pages[1:], duration=durations, loop=0)
+    write_bytes(path, file.getvalue())
 
 
 def _scenario(episode: Document) -> Scenario:

@@ -6,15 +6,15 @@ OUT/NAME.png       the figures, for the README; OUT/episodes.png and the animati
 """
 
 import re
-import shutil
 from pathlib import Path
 
 from rich.console import Console
 
+from ciphernav_jax import files
 from ciphernav_jax.experiments import pictures
 from ciphernav_jax.experiments.report import figures, page, results, shown, tables
 from ciphernav_jax.experiments.report.results import Results
-from ciphernav_jax.files import write_text
+from ciphernav_jax.files import write_bytes, write_text
 
 console = Console(highlight=False)
 
@@ -27,10 +27,23 @@ def run(folder: Path, out: Path, readme: Path | None = None) -> None:
 
     Raises:
         FileNotFoundError: no such folder, or no such readme.
-        DamagedError: a file is not JSON.
+        DamagedError: a file is not what was written, or the readme is no text.
+        BusyError: another process writes a report into `out`.
         ValueError: the readme has a block of a name that no table has.
     """
     found = results.load(folder)
+    text = readme and filled(files.read_text(readme), found)
+    with files.claimed(out):
+        _write(found, out)
+    if readme and text:
+        write_text(readme, text)
+        for path in folder.glob("paper/*.*"):
+            if path.suffix in (".png", ".gif") and (out / path.name).exists():
+                write_bytes(path, (out / path.name).read_bytes())
+        console.print(f"Filled: {readme}")
+
+
+def _write(found: Results, out: Path) -> None:
     write_text(out / "report.html", page.page(found))
     write_text(out / "paper.md", markdown(found))
     for picture in figures.every(found):
@@ -41,13 +54,6 @@ def run(folder: Path, out: Path, readme: Path | None = None) -> None:
         frames = list(shown.frames(document["watched"], document["parties"]))
         shown.animation(frames, document["parties"], out / "episode.gif")
     console.print(f"Written: {out}/report.html, {out}/paper.md and pictures")
-    if readme:
-        text = readme.read_text()
-        write_text(readme, filled(text, found))
-        for path in folder.glob("paper/*.*"):
-            if path.suffix in (".png", ".gif") and (out / path.name).exists():
-                shutil.copyfile(out / path.name, path)
-        console.print(f"Filled: {readme}")
 
 
 def markdown(found: Results) -> str:

@@ -1,0 +1,62 @@
+"""How a command ends: its exit code, and one line that says why and names the way out.
+
+0 when it is done, 1 when it cannot be done, 2 when its words cannot be read (`tyro`), 130 after Ctrl-C and
+143 when it is told to end, as shells have it.
+"""
+
+import errno
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NoReturn
+
+REMEDIES = {
+    errno.ENOSPC: "make room and run the same command again",
+    errno.EDQUOT: "make room and run the same command again",
+    errno.EACCES: "make it accessible, or name another",
+    errno.EPERM: "make it accessible, or name another",
+    errno.EROFS: "name a folder that can be written to",
+}
+
+
+@contextmanager
+def one_line() -> Iterator[None]:
+    """Ends the process by the rules above for whatever a user can do something about.
+
+    Anything else is a fault of the program, and keeps its traceback.
+    """
+    before = signal.signal(signal.SIGTERM, _terminated)
+    try:
+        yield
+    except KeyboardInterrupt:
+        _end("interrupted; the same command goes on from here", 128 + signal.SIGINT)
+    except BrokenPipeError:
+        # Whoever read the output has gone; what is left of it must not be written as Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _end("the output was closed", 1)
+    except OSError as error:
+        _end(_words(error), 1)
+    except MemoryError as error:
+        _end(f"not enough memory: {error}", 1)
+    except (ValueError, RuntimeError) as error:
+        _end(str(error), 1)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _terminated(number: int, _) -> NoReturn:
+    _end("told to end; the same command goes on from here", 128 + number)
+
+
+def _words(error: OSError) -> str:
+    if error.errno is None:
+        return str(error)
+    said = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+    return f"{said}; {REMEDIES[error.errno]}" if error.errno in REMEDIES else said
+
+
+def _end(why: str, code: int) -> NoReturn:
+    print(f"ciphernav: {' '.join(why.split())}", file=sys.stderr)
+    sys.exit(code)
