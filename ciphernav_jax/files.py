@@ -100,7 +100,8 @@ def read_text(path: Path) -> str:
         DamagedError: it is not UTF-8.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        with naming(path):
+            return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise DamagedError(f"{path} is no text: {error}") from None
 
@@ -180,7 +181,8 @@ def canonical(value: Any) -> str:
 
 def _read(path: Path, remedy: str) -> bytes:
     try:
-        return path.read_bytes()
+        with naming(path):
+            return path.read_bytes()
     except FileNotFoundError:
         raise DamagedError(f"{path} is missing; {remedy}") from None
 

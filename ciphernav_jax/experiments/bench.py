@@ -15,6 +15,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from ciphernav_jax import files
 from ciphernav_jax.experiments import floor, growth, measure, peers, process, tables
 from ciphernav_jax.experiments.growth import Turns
 from ciphernav_jax.experiments.measure import Order

@@ -23,9 +23,9 @@ def parse(text: str) -> Protocol:
                 f"cannot read the variant {word!r}: write NAME=VALUE, several names with commas, or default; "
                 f"the names are {', '.join(known)}"
             )
-        chosen[name] = _number(name, value) if name.endswith("_bits") else value
+        chosen[name] = value
     try:
-        return Protocol(**chosen)
+        return Protocol(**{n: _number(n, v) if n.endswith("_bits") else v for n, v in chosen.items()})
     except ValueError as error:
         raise ValueError(f"no variant {text!r}: {error}") from None
 

@@ -158,6 +158,7 @@ def load(folder: Path) -> tuple[dict, Trained]:
         raise DamagedError(
             f"the training in {folder} is not finished; the same `ciphernav train` goes on with it"
         )
+    curve(folder)
     return config, _result(folder, config, _template(config))
 
 

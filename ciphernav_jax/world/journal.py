@@ -152,7 +152,9 @@ class Journal:
             DamagedError: when the images are not those that were appended.
         """
         path = self._data / "views.npy"
-        path.touch()
+        if not path.exists():
+            path.unlink(missing_ok=True)  # a link to nowhere
+            path.touch()
         file = open(path, "r+b")  # noqa: SIM115 - stays open from shard to shard
         header = _write_header(file, 0)
         file.truncate(header + _VIEW_BYTES * (int(self._records[-1]["views"]) if self._records else 0))
