@@ -37,6 +37,7 @@ compilation_cache.switch_on()
 vectors.prefer_widest()
 
 _HOME = {
+    "KeyReuseWarning": "secret",
     "LAN": "secret",
     "Network": "secret",
     "Protocol": "protocols",

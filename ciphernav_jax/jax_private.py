@@ -4,11 +4,14 @@ alone, for the oldest JAX that is supported and the newest.
 A test reads the sources for strays.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import jax
 from jax._src import source_info_util
+from jax._src.core import trace_ctx
+from jax._src.interpreters.batching import BatchTracer
+from jax._src.interpreters.partial_eval import DynamicJaxprTracer
 
 # JAX keeps `Tracer` for `isinstance`: whether a value is known while tracing.
 from jax.core import Tracer
@@ -38,8 +41,12 @@ __all__ = [
     "is_tracing",
     "jaxpr_as_fun",
     "name_stack",
+    "origins",
     "place",
     "scan_parts",
+    "trace_of",
+    "traced_for",
+    "traces",
 ]
 
 # Under `shard_map` that checks what varies, a collective has a primitive of another name.
@@ -96,3 +103,38 @@ def scan_parts(params: dict[str, Any], operands: Sequence[Any]) -> tuple[list[An
         consts, carry = params["num_consts"], params["num_carry"]
     operands = list(operands)
     return operands[:consts], operands[consts : consts + carry], operands[consts + carry :]
+
+
+def traces() -> Iterator[Any]:
+    """The traces that are under way, from the innermost out."""
+    trace = trace_ctx.trace
+    while trace is not None:
+        yield trace
+        trace = getattr(trace, "parent_trace", None)
+
+
+def traced_for(trace: Any) -> str | None:
+    """What a trace makes a jaxpr for: "jit", "scan", "fori_loop", "while_body", "cond"; else None."""
+    frame = getattr(trace, "frame", None)
+    return None if frame is None or frame.debug_info is None else frame.debug_info.traced_for
+
+
+def trace_of(x: Tracer) -> Any:
+    """The trace that a value belongs to."""
+    return x._trace
+
+
+def origins(x: Tracer) -> list[Any] | None:
+    """The values that a traced one was computed from, among them constants and those of other traces; None
+    for an input of its trace, and where nobody knows.
+    """
+    if isinstance(x, BatchTracer):
+        return [x.val]
+    if not isinstance(x, DynamicJaxprTracer):
+        return None
+    if x.parent is not None:
+        return list(x.parent.in_tracers)
+    if isinstance(x.val, Literal):
+        return []
+    constants = x._trace.frame.constvar_to_val
+    return [constants[x.val]] if x.val in constants else None

@@ -75,3 +75,27 @@ def test_a_body_has_a_trace_of_its_own():
 
     lax.scan(body, 0.0, None, length=2)
     assert seen[0] != jax_private.get_opaque_trace_state()
+
+
+def test_the_traces_under_way_say_what_they_are_for_and_values_say_where_they_come_from():
+    outside = jnp.ones(3)
+    found = {}
+
+    def body(carry, x):
+        def branch(y):
+            found["for"] = [jax_private.traced_for(trace) for trace in jax_private.traces()]
+            derived = jnp.sin(outside)
+            found["input"] = jax_private.origins(y)
+            found["constant"] = jax_private.origins(jax_private.origins(derived)[0])
+            jax.vmap(lambda z: found.update(vmapped=jax_private.origins(z)[0] is y))(y)
+            found["another's"] = jax_private.trace_of(x) is list(jax_private.traces())[1]
+            return y
+
+        return carry, lax.cond(x[0] > 0, branch, branch, x)
+
+    lax.scan(body, 0, jnp.ones((2, 3)))
+    assert found["for"] == ["cond", "scan", None]
+    assert found["input"] is None
+    assert found["constant"][0] is outside
+    assert found["vmapped"]
+    assert found["another's"]

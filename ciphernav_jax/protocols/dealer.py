@@ -23,7 +23,7 @@ from jaxtyping import UInt64
 from ciphernav_jax import ring
 from ciphernav_jax.jax_private import get_opaque_trace_state
 from ciphernav_jax.protocols import sharing
-from ciphernav_jax.ring import bits
+from ciphernav_jax.ring import bits, keys
 from ciphernav_jax.ring.linear import DimensionNumbers
 from ciphernav_jax.ring.random import Generator
 
@@ -328,7 +328,7 @@ def deal(
         For each request a dict of uint64 arrays with the party as leading axis.
     """
     sharing.require_parties(parties)
-    uniform = iter(ring.draw(key, drawn(plan, parties), generator))
+    uniform = iter(ring.draw(keys.derive(key, "dealer"), drawn(plan, parties), generator))
 
     def split(request: Request, name: str, value: Array) -> Array:
         if name in request.split:

@@ -77,7 +77,7 @@ def openings(jaxpr: ClosedJaxpr) -> tuple[Opening, ...]:
     rounds, then most bytes. A `while` is counted for one iteration, and its openings say so.
 
     Args:
-        jaxpr: of one party's program, traced with the axis "party" in scope (`run.one_partys_jaxpr`).
+        jaxpr: of one party's program, traced with the parties' axis in scope (`run.one_partys_jaxpr`).
 
     Raises:
         ValueError: the program reaches other parties otherwise than by an opening, or opens in the body of

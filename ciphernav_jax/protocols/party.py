@@ -21,7 +21,9 @@ from jax import Array, lax
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from jaxtyping import UInt64
 
-AXIS = "party"
+# No axis of a user's own `vmap` has this name: a sum over that would be over the parties, in silence.
+AXIS = "ciphernav_jax parties"
+MESH_AXIS = "party"
 
 Program = Callable[[Any, Any], tuple[Any, Any]]
 
@@ -93,10 +95,10 @@ def deploy(program: Program, mesh: Mesh) -> Program:
     Raises:
         ValueError: the mesh has no axis "party", or other axes beside it.
     """
-    if tuple(mesh.axis_names) != (AXIS,):
+    if tuple(mesh.axis_names) != (MESH_AXIS,):
         raise ValueError(
-            f'deploy needs a mesh with the one axis "{AXIS}", got axes {tuple(mesh.axis_names)}. '
-            f'Make it with jax.make_mesh((parties,), ("{AXIS}",)).'
+            f'deploy needs a mesh with the one axis "{MESH_AXIS}", got axes {tuple(mesh.axis_names)}. '
+            f'Make it with jax.make_mesh((parties,), ("{MESH_AXIS}",)).'
         )
 
     def one_device(private, public):
@@ -105,14 +107,22 @@ def deploy(program: Program, mesh: Mesh) -> Program:
         return jax.tree.map(lambda x: x[None], mine), opened
 
     split, same = PartitionSpec(AXIS), PartitionSpec()
-    return jax.shard_map(
+    on_devices = jax.shard_map(
         one_device,
-        mesh=_automatic(mesh),
+        # The caller's mesh, by the name that the collectives know.
+        mesh=Mesh(mesh.devices, (AXIS,), axis_types=(AxisType.Auto,)),
         in_specs=(split, same),
         out_specs=(split, same),
         # An exclusive or over gathered shares is the same everywhere, which JAX cannot infer.
         check_vma=False,
     )
+
+    def deployed(private, public):
+        mine, opened = on_devices(private, public)
+        rows = NamedSharding(_automatic(mesh), PartitionSpec(MESH_AXIS))
+        return lax.with_sharding_constraint(mine, rows), opened
+
+    return deployed
 
 
 def on_every_device(x: Any, mesh: Mesh) -> Any:

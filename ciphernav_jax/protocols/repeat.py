@@ -19,6 +19,7 @@ from jaxtyping import UInt64
 
 from ciphernav_jax.protocols.dealer import Dealer, Plan, Request, Shape, Values, deal
 from ciphernav_jax.protocols.party import AXIS
+from ciphernav_jax.ring import keys
 from ciphernav_jax.ring.random import Generator
 
 
@@ -98,6 +99,6 @@ def take_on_call(
     """This party's shares for each request of the plan, fresh for each number `call` of an `OnCall`."""
     with jax.named_scope("dealer:on_call"):
         words = lax.bitcast_convert_type(seed, jnp.uint32).reshape(2)
-        key = jax.random.fold_in(jax.random.wrap_key_data(words, impl="threefry2x32"), call)
+        key = keys.derive(jax.random.wrap_key_data(words, impl="threefry2x32"), "call", call)
         mine = lax.axis_index(AXIS)
         return jax.tree.map(lambda x: x[mine], deal(key, plan, lax.axis_size(AXIS), generator))

@@ -12,6 +12,7 @@ from jax import Array, lax
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
+from ciphernav_jax.ring.random import Generator
 
 
 def require_parties(parties: int) -> None:
@@ -55,9 +56,11 @@ def wraps(shares: UInt64[Array, "p ..."]) -> UInt64[Array, "..."]:
 
 
 # Compiled: op by op, each intermediate array would be as large as all shares together.
-@functools.partial(jax.jit, static_argnames="parties")
-def share_ring(key: Array, x: UInt64[Array, "..."], parties: int) -> UInt64[Array, "p ..."]:
+@functools.partial(jax.jit, static_argnames=("parties", "generator"))
+def share_ring(
+    key: Array, x: UInt64[Array, "..."], parties: int, generator: Generator = "threefry"
+) -> UInt64[Array, "p ..."]:
     """Fresh additive shares of ring elements for `parties` >= 2 parties, from `key` alone."""
     require_parties(parties)
-    (uniform,) = ring.draw(key, [(parties - 1, *x.shape)])
+    (uniform,) = ring.draw(key, [(parties - 1, *x.shape)], generator)
     return split_sum(x, uniform)

@@ -6,9 +6,11 @@ Ring elements are uint64 arrays, so `+`, `-`, `*` and unary `-` are already the 
 - `linear`: matrix products and `dot_general` modulo 2^64.
 - `bits`: bit slicing, the most significant bit.
 - `threefry`, `chacha`: the block functions of two generators.
+- `keys`: a run's root key, and a key for each purpose derived from it.
 - `random`: uniform ring elements, many arrays from one draw.
 """
 
+from ciphernav_jax.ring import keys
 from ciphernav_jax.ring.bits import bit_slice, bit_unslice, most_significant_bit
 from ciphernav_jax.ring.fixed_point import (
     POISON,
@@ -32,6 +34,7 @@ __all__ = [
     "encode",
     "encode_or_poison",
     "fits",
+    "keys",
     "matmul",
     "most_significant_bit",
     "require_x64",

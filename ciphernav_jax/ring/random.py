@@ -1,6 +1,6 @@
 """Uniform ring elements from a counter-based generator, threefry or chacha20.
 
-Both encrypt the numbers 0, 1, 2, ... under the key: the words are reproducible, the same on every backend.
+Both encrypt successive numbers under the key: the words are reproducible, the same on every backend.
 
 - **threefry**: Threefry-2x32 with 20 rounds under a 64-bit key, to which a longer one is hashed; the cipher
   of JAX's own keys. It passes BigCrush, but is **not** a vetted cryptographic generator.
@@ -22,7 +22,7 @@ import numpy as np
 from jax import Array, lax
 from jaxtyping import UInt64
 
-from ciphernav_jax.ring import chacha, threefry
+from ciphernav_jax.ring import chacha, keys, threefry
 from ciphernav_jax.ring.fixed_point import require_x64
 
 Generator = Literal["threefry", "chacha20"]
@@ -52,18 +52,15 @@ def draw(
     require_x64()
     if generator not in _STREAMS:
         raise ValueError(f"unknown generator {generator!r}; choose one of {', '.join(get_args(Generator))}")
-    if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
-        key = jax.random.wrap_key_data(key)
+    key = keys.typed(key)
     if key.shape:
         raise ValueError(f"draw takes one key, got {key.shape}; use jax.vmap for several")
-    data = jax.random.key_data(key).astype(jnp.uint32).reshape(-1)
-    if data.size not in (2, 4):
-        raise ValueError(f"draw takes keys of 64 or 128 bits, got {32 * data.size} bits ({key.dtype})")
+    data = keys.words(key)
 
     sizes = [math.prod(shape) for shape in shapes]
     if sum(sizes) > MAX_WORDS:
         raise ValueError(f"cannot draw {sum(sizes)} words from one key: at most 2^32. Split the key.")
-    rows = _STREAMS[generator](list(data), sum(sizes))
+    rows = _STREAMS[generator](data, sum(sizes))
     starts = itertools.accumulate(sizes, initial=0)
     return [
         _cut(rows, start, start + size).reshape(shape)
@@ -82,19 +79,17 @@ def _cut(rows: list[UInt64[Array, " n"]], start: int, stop: int) -> UInt64[Array
     return jnp.concatenate(parts or [jnp.zeros(0, jnp.uint64)])
 
 
-def _threefry(key: list[Array], count: int) -> list[UInt64[Array, " count"]]:
+def _threefry(data: Array, count: int) -> list[UInt64[Array, " count"]]:
     """One row of words."""
-    if len(key) == 4:
-        key = list(threefry.block(key[:2], key[2:]))
-    # The counter starts at 2^63. `jax.random` derives keys and bits from the same block function with small
-    # counters: from 0, the first word drawn from a key would be the key that split or fold_in makes of it.
-    return _kept(lambda i: [threefry.block(key, (i, jnp.uint32(1 << 31)))], count)
+    # The keys that are derived from a key, and what `jax.random` makes of it, encrypt other numbers.
+    key = keys.cipher_key(data)
+    return _kept(lambda i: [threefry.block(key, (keys.STREAM, i))], count)
 
 
-def _chacha20(key: list[Array], count: int) -> list[UInt64[Array, " n"]]:
+def _chacha20(data: Array, count: int) -> list[UInt64[Array, " n"]]:
     """Eight rows: the first words of all blocks, then the second words, and so on. To interleave is slow."""
     zero = jnp.uint32(0)
-    key = key + [zero] * (8 - len(key))
+    key = [*data, *[zero] * (8 - data.size)]
 
     def pairs(i: Array) -> list[Halves]:
         words = chacha.block(key, (i, zero, zero, zero))
@@ -103,7 +98,7 @@ def _chacha20(key: list[Array], count: int) -> list[UInt64[Array, " n"]]:
     return _kept(pairs, -(-count // 8))
 
 
-_STREAMS: dict[str, Callable[[list[Array], int], list[Array]]] = {
+_STREAMS: dict[str, Callable[[Array, int], list[Array]]] = {
     "threefry": _threefry,
     "chacha20": _chacha20,
 }

@@ -1,5 +1,6 @@
 """From functions on floats to functions on secrets.
 
+- `fresh`: whether a random key is given twice, and to what.
 - `array`: `Secret`, `share`, `reveal`.
 - `places`: the line of the user's function that an operation comes from.
 - `value`: a party's share inside a program, with pending truncations and what was computed from it.
@@ -18,6 +19,7 @@
 from ciphernav_jax.secret.array import Secret, reveal, share
 from ciphernav_jax.secret.audit import audit
 from ciphernav_jax.secret.cost import LAN, WAN, Cost, Network, cost
+from ciphernav_jax.secret.fresh import KeyReuseWarning
 from ciphernav_jax.secret.secure import deploy, secure
 from ciphernav_jax.secret.simulate import simulate
 from ciphernav_jax.secret.transcript import transcript
@@ -27,6 +29,7 @@ __all__ = [
     "LAN",
     "WAN",
     "Cost",
+    "KeyReuseWarning",
     "Network",
     "Secret",
     "View",

@@ -12,6 +12,8 @@ from jaxtyping import UInt64
 from ciphernav_jax import ring
 from ciphernav_jax.jax_private import Tracer
 from ciphernav_jax.protocols import Protocol, sharing
+from ciphernav_jax.ring import keys
+from ciphernav_jax.secret import fresh
 
 INTEGER_BOUND = 2**62
 """Shared integers lie below it in magnitude: then the difference of two has the right sign."""
@@ -182,11 +184,12 @@ def share(key: Array, values: Any, *, parties: int, protocol: Protocol | None = 
     """Splits real arrays into fresh additive shares.
 
     Args:
-        key: random key of the party that shares; each call needs a key of its own.
+        key: random key of the party that shares; each call needs a key of its own (`secret.fresh`). Each
+            array is shared under a key derived from it by its path in the pytree; a step derives others.
         values: pytree of float arrays (float32 or float64), bools or integers. Floats lie below
             `protocol.bound` (2^(62 - 2 frac_bits); 4,194,304 by default) in magnitude, integers below 2^62.
         parties: P >= 2.
-        protocol: gives the fractional bits of floats; bools and integers have none.
+        protocol: gives the fractional bits of floats (bools and integers have none), and the generator.
 
     Returns:
         The same pytree with a `Secret` for each array. Under `jit` nobody can look at the values: there an
@@ -194,16 +197,29 @@ def share(key: Array, values: Any, *, parties: int, protocol: Protocol | None = 
         poison survives being moved, and additions; products and comparisons lose it.
 
     Raises:
-        ValueError: fewer than two parties; a value out of range or not finite (where it is concrete).
+        ValueError: fewer than two parties; a value out of range or not finite (where it is concrete); a
+            `vmap` or a loop over values with one key for all.
         TypeError: an array of another dtype; or the call is being differentiated.
+
+    Warns:
+        KeyReuseWarning: a key shares a second time, and other values.
     """
     protocol = protocol or Protocol()
     sharing.require_parties(parties)
-    leaves, tree = jax.tree.flatten(values)
-    shared = [
-        _share_array(jax.random.fold_in(key, i), leaf, parties, protocol) for i, leaf in enumerate(leaves)
-    ]
-    return jax.tree.unflatten(tree, shared)
+    fresh.of_each_iteration(key, values, "share")
+    shared = share_all(key, values, parties, protocol)
+    for path, leaf in jax.tree_util.tree_leaves_with_path(values):
+        fresh.of_each_call(key, leaf, "share", where=jax.tree_util.keystr(path), how=protocol.frac_bits)
+    return shared
+
+
+def share_all(key: Array, values: Any, parties: int, protocol: Protocol) -> Any:
+    """What `share` does, whatever else the key has hidden."""
+
+    def shared(path: Any, leaf: Any) -> Secret:
+        return _share_array(keys.derive(key, "share", jax.tree_util.keystr(path)), leaf, parties, protocol)
+
+    return jax.tree_util.tree_map_with_path(shared, values)
 
 
 def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> Secret:
@@ -227,7 +243,9 @@ def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> S
             if real
             else f"cannot share {worst}: integers stay below 2^62 in magnitude, so that they can be compared."
         )
-    return Secret(sharing.share_ring(key, encoded, parties), frac_bits, dtype, encoded.ndim)
+    key = fresh.of_each_entry(key, encoded, "share")
+    shares = sharing.share_ring(key, encoded, parties, protocol.generator)
+    return Secret(shares, frac_bits, dtype, encoded.ndim)
 
 
 def reveal(x: Any) -> Any:

@@ -22,6 +22,7 @@ from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.jaxprs import wrapped
 from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
+from ciphernav_jax.secret import fresh
 from ciphernav_jax.secret.array import Secret
 from ciphernav_jax.secret.loops import LOOPS
 from ciphernav_jax.secret.places import of_function, place
@@ -38,19 +39,26 @@ class Secure:
     function: Callable[..., Any]
     protocol: Protocol
     mesh: Mesh | None = None
-    _jitted: Callable[..., Any] = field(init=False, repr=False)
+    jitted: Callable[..., Any] = field(init=False, repr=False)
 
     def __post_init__(self):
         # jit keeps public arguments abstract, so that what a program asks the dealer for never depends on
         # them.
-        object.__setattr__(self, "_jitted", Compiled(self.evaluate))
+        object.__setattr__(self, "jitted", Compiled(self.evaluate))
 
     def __call__(self, key: Array, *args: Any) -> Any:
         """Evaluates the function; `key` is the dealer's random key, fresh for each call."""
-        return self._jitted(key, self.checked(key, args))
+        return self.jitted(key, self.checked(key, args))
 
     def checked(self, key: Array, args: tuple[Any, ...]) -> tuple[Any, ...]:
-        """The arguments of a call, ready to be traced; raises where `key` is no key."""
+        """The arguments of a call, ready to be traced; raises where `key` is no key, or not a fresh one."""
+        args = self.prepared(key, args)
+        fresh.of_each_iteration(key, args, "step")
+        fresh.of_each_call(key, args, "step", how=(id(self.function), self.protocol))
+        return args
+
+    def prepared(self, key: Array, args: tuple[Any, ...]) -> tuple[Any, ...]:
+        """What `checked` gives, whatever else the key has hidden."""
         require_x64()
         if not isinstance(key, jax.Array) or not (
             jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or key.dtype == jnp.uint32
@@ -73,7 +81,6 @@ class Secure:
         self, key: Array, args: tuple[Any, ...], witness: Witness | None, run: Callable[..., Any] = run
     ) -> tuple[Any, Notes | None]:
         """As `evaluate`, with the notes that such a witness takes of the program."""
-        key = _key_of_each(key, args)
         named, tree = jax.tree_util.tree_flatten_with_path(args, is_leaf=_is_secret)
         names, leaves = [jax.tree_util.keystr(path) for path, _ in named], [x for _, x in named]
         leaves = [x.party_first() if isinstance(x, Secret) else x for x in leaves]
@@ -82,6 +89,8 @@ class Secure:
 
         abstract = [jax.ShapeDtypeStruct(x.shape, x.dtype) if isinstance(x, Secret) else x for x in leaves]
         jaxpr, shapes = jax.make_jaxpr(self.function, return_shape=True)(*jax.tree.unflatten(tree, abstract))
+        closed_over = [x for x in jaxpr.consts if isinstance(x, Tracer)]
+        key = fresh.of_each_entry(key, (args, closed_over), "step")
         outputs, out_tree = jax.tree.flatten(shapes)
         made: list[int | None] = []  # of each output the fractional bits, or None where it is public
 
@@ -143,32 +152,14 @@ def secure(function: Callable[..., Any], *, protocol: Protocol | None = None) ->
         NotImplementedError: the function uses an operation that has no rule; the message names it, its line
             in the function, and a way out.
         ValueError: no secret among the arguments; secrets of different numbers of parties; a precision
-            other than the protocol's; local truncation for more than two parties; a `vmap` over arguments
-            with one key for all.
+            other than the protocol's; local truncation for more than two parties; a `vmap` or a loop over
+            arguments with one key for all.
         TypeError: it is being differentiated; write `secure(jax.grad(f))`.
+
+    Warns (when called):
+        KeyReuseWarning: a key is given a second time, with other arguments or to another function.
     """
     return Secure(function, protocol or Protocol())
-
-
-@jax.custom_batching.custom_vmap
-def _key_of_each(key: Array, args: tuple[Any, ...]) -> Array:
-    """The key; raises under a `vmap` that goes over arguments and not over the key.
-
-    All entries would be hidden by the same masks, so that the differences of what is opened would show the
-    differences of the entries.
-    """
-    return key
-
-
-@_key_of_each.def_vmap
-def _key_of_each_entry(_: int, in_batched: Any, key: Array, args: tuple[Any, ...]) -> tuple[Array, bool]:
-    if not in_batched[0]:
-        raise ValueError(
-            "vmap over a secure function with one key for all entries would hide them all by the same masks. "
-            "Give each entry a key: jax.vmap(step)(jax.random.split(key, n), ...)."
-        )
-    # Asked again for the vmaps around this one.
-    return _key_of_each(key, args), True
 
 
 def deploy(step: Secure, mesh: Mesh) -> Secure:

@@ -10,7 +10,8 @@ import numpy as np
 from jax import Array
 
 from ciphernav_jax.protocols import Protocol
-from ciphernav_jax.secret.array import reveal, share
+from ciphernav_jax.ring import keys
+from ciphernav_jax.secret.array import reveal, share_all
 from ciphernav_jax.secret.secure import secure
 
 
@@ -38,11 +39,11 @@ def simulate(
         the arguments and the cotangents shared. So derivatives of any order are. Integers, bools and the key
         have none (zeros).
 
-        Keys: of `jax.random.split(key, 3)` the first shares the arguments, the second is the dealer's, and
-        the third is the key of the pullback's simulation: the gradient at a key is
-        `simulate(pullback)(jax.random.split(key, 3)[2], args, cotangents)`.
+        Keys: with `key` the arguments are shared and the step is called; the gradient at a key is
+        `simulate(pullback)(ring.keys.derive(key, "pullback"), args, cotangents)`.
 
-        Under `vmap`, each entry has masks of its own, also where one key is given for all: it is then split.
+        Under `vmap`, each entry has masks of its own, also where one key is given for all: entry i then has
+        `ring.keys.derive(key, "entry", i)`.
 
     Raises (when called):
         ValueError: fewer than two parties; an argument or cotangent out of the protocol's range (where it is
@@ -54,8 +55,9 @@ def simulate(
 
     @jax.custom_vjp
     def simulated(key: Array, args: tuple[Any, ...]) -> Any:
-        share_key, dealer_key, _ = jax.random.split(_own_key(key, args), 3)
-        return reveal(step(dealer_key, *share(share_key, args, parties=parties, protocol=protocol)))
+        key = _own_key(key, args)
+        secrets = share_all(key, args, parties, protocol)
+        return reveal(step.jitted(key, step.prepared(key, secrets)))
 
     @cache
     def pullback() -> Callable[..., Any]:
@@ -68,7 +70,7 @@ def simulate(
         key, args = residuals
         leaves, tree = jax.tree.flatten(args)
         cotangents = [x for x in jax.tree.leaves(cotangents) if x.dtype != jax.dtypes.float0]
-        key = jax.random.split(_own_key(key, (args, cotangents)), 3)[2]
+        key = keys.derive(_own_key(key, (args, cotangents)), "pullback")
         gradients = iter(pullback()(key, args, cotangents))
         # A None stands for the zero of any type.
         return None, jax.tree.unflatten(tree, [next(gradients) if _is_float(x) else None for x in leaves])
@@ -113,5 +115,5 @@ def _key_of_each(key: Array, args: Any) -> Array:
 @_key_of_each.def_vmap
 def _key_of_each_entry(size: int, in_batched: Any, key: Array, args: Any) -> tuple[Array, bool]:
     if not in_batched[0]:
-        key = jax.random.split(_key_of_each(key, args), size)
+        key = keys.derive(_key_of_each(key, args), "entry", np.arange(size))
     return _key_of_each(key, args), True

@@ -352,21 +352,6 @@ def test_works_under_jit_and_vmap():
     assert not np.array_equal(batched.shares[0], batched.shares[1])
 
 
-def test_a_vmap_over_secrets_with_one_key_is_refused():
-    """It would open all entries under the same masks."""
-    x = cn.share(jax.random.key(0), X, parties=2)
-    stacked = jax.tree.map(lambda shares: jnp.stack([shares] * 3), x)
-    step = cn.secure(lambda x: x * x)
-    key, keys = jax.random.key(1), jax.random.split(jax.random.key(1), 3)
-    with pytest.raises(ValueError, match=r"same masks.*jax\.random\.split"):
-        jax.vmap(step, in_axes=(None, 0))(key, stacked)
-    with pytest.raises(ValueError, match="same masks"):
-        jax.vmap(jax.vmap(step, in_axes=(0, None)), in_axes=(None, 0))(keys, stacked)
-    with pytest.raises(ValueError, match="same masks"):
-        jax.vmap(lambda y: cn.secure(jnp.multiply)(key, x, y))(jnp.stack([X] * 3))
-    assert jax.vmap(step)(keys, stacked).shape == (3, *X.shape)
-
-
 def test_stacked_secrets_keep_their_parties():
     """Outputs of vmap and scan stack in front of the party axis: three of each, so a mix-up would show."""
     x = cn.share(jax.random.key(0), X, parties=3)
@@ -386,7 +371,7 @@ def test_a_loop_over_the_party_axis_is_refused():
     x = cn.share(jax.random.key(0), X, parties=3)
     step = cn.secure(lambda x: 2 * x)
     with pytest.raises(ValueError, match=r"lost its party axis.*x\[i\]"):
-        jax.lax.map(lambda row: step(jax.random.key(1), row), x)
+        jax.lax.map(lambda each: step(*each), (jax.random.split(jax.random.key(1), 3), x))
 
 
 def test_the_key_alone_decides_the_shares():

@@ -60,8 +60,8 @@ def test_keys_are_derived_as_documented():
     def pullback(args, cotangents):
         return jax.vjp(loss, *args)[1](*cotangents)
 
-    share_key, dealer_key, backward_key = jax.random.split(KEY, 3)
-    by_hand = cn.secure(loss)(dealer_key, *cn.share(share_key, (W, X), parties=2))
+    backward_key = cn.ring.keys.derive(KEY, "pullback")
+    by_hand = cn.secure(loss)(KEY, *cn.share(KEY, (W, X), parties=2))
     value, gradients = simulated(2)
     np.testing.assert_array_equal(value, cn.reveal(by_hand))
     backward = cn.simulate(pullback, parties=2)(backward_key, (W, X), [1.0])

@@ -1,0 +1,191 @@
+"""A key hides one thing: the ways to give it to two, and what is done about each.
+
+Two values under the same mask show their difference to whoever sees both hidden; two runs on the same dealt
+randomness show differences of what they compute on. So, of `share` and of functions made by `secure`:
+
+- `vmap` over what is hidden and not over the key raises (`of_each_entry`);
+- a loop whose key is the same in every iteration while what it hides changes raises (`of_each_iteration`).
+  It is seen where the loop's body calls with a key that depends on constants of the body alone. A key that
+  passes through the carry unchanged, or as an argument through another jitted function, is not;
+- a key given a second time, to hide something else, warns (`of_each_call`). Seen are concrete keys outside of
+  `jit`, the last ones of a process.
+"""
+
+import sys
+import threading
+import warnings
+import zlib
+from collections import OrderedDict
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ciphernav_jax import jax_private
+from ciphernav_jax.jax_private import Tracer
+from ciphernav_jax.ring import keys
+
+REMEMBERED = 1 << 14
+"""Keys that are remembered."""
+LOOKED_AT = 1 << 14
+"""Entries of an array that are compared."""
+
+
+class KeyReuseWarning(UserWarning):
+    """A random key was given twice, to hide two different things."""
+
+
+# --- vmap ---------------------------------------------------------------------------------------------
+
+
+def of_each_entry(key: Array, hidden: Any, what: str) -> Array:
+    """The key; raises under a `vmap` that goes over what it hides and not over the key.
+
+    Args:
+        key: one random key.
+        hidden: a pytree of arrays, all that the key's randomness hides or that decides what is hidden.
+        what: "share" or "step", the caller.
+
+    Raises:
+        ValueError (under such a `vmap`).
+    """
+    return _guard(what)(key, hidden)
+
+
+@cache
+def _guard(what: str) -> Any:
+    @jax.custom_batching.custom_vmap
+    def key_of_each(key: Array, hidden: Any) -> Array:
+        return key
+
+    @key_of_each.def_vmap
+    def _(_: int, in_batched: Any, key: Array, hidden: Any) -> tuple[Array, bool]:
+        if not in_batched[0]:
+            raise ValueError(
+                f"vmap over {_called(what)} with one key for all entries would hide them all by the same "
+                f"masks. Give each entry a key: jax.vmap({what})(jax.random.split(key, n), ...)."
+            )
+        # Asked again for the vmaps around this one.
+        return key_of_each(key, hidden), True
+
+    return key_of_each
+
+
+def _called(what: str) -> str:
+    return "share" if what == "share" else "a secure function"
+
+
+# --- loops --------------------------------------------------------------------------------------------
+
+LOOPS = frozenset({"scan", "fori_loop", "while_body", "while_cond"})
+
+
+def of_each_iteration(key: Array, hidden: Any, what: str) -> None:
+    """Raises ValueError in the body of a loop whose iterations have one key and hide different things.
+
+    Arguments as for `of_each_entry`.
+    """
+    inside: list[Any] = []
+    for trace in jax_private.traces():
+        inside.append(trace)
+        loop = jax_private.traced_for(trace)
+        if loop not in LOOPS or _varies(inside, key):
+            continue
+        if any(_varies(inside, x) for x in jax.tree.leaves(hidden)):
+            raise ValueError(
+                f"{_called(what)} in the body of a loop ({loop}) has one key for all iterations: it would "
+                "hide what changes by the same masks. Give each iteration a key: let the loop go over "
+                "jax.random.split(key, n), or write ring.keys.derive(key, i), i being the iteration."
+            )
+
+
+def _varies(inside: list[Any], x: Any) -> bool:
+    """Whether x may differ from one iteration to the next. The last of the traces `inside` is the loop's
+    body, the others are within it: what depends on none of their inputs is the same each time.
+    """
+    seen: set[int] = set()
+    left = [x]
+    while left:
+        x = left.pop()
+        if not isinstance(x, Tracer) or id(x) in seen:
+            continue
+        seen.add(id(x))
+        if any(jax_private.trace_of(x) is trace for trace in inside):
+            origins = jax_private.origins(x)
+            if origins is None:
+                return True
+            left += origins
+    return False
+
+
+# --- calls --------------------------------------------------------------------------------------------
+
+_hidden_by: OrderedDict[tuple[str, bytes], int] = OrderedDict()
+_lock = threading.Lock()
+
+
+def of_each_call(key: Array, hidden: Any, what: str, *, where: str = "", how: Any = None) -> None:
+    """Warns (`KeyReuseWarning`) where a key is given a second time and hides something else.
+
+    The same call repeated with the same values leaks nothing, and is passed over. Arrays are compared by a
+    checksum of up to 16,384 of their entries; those on other devices than the CPU by identity.
+
+    Args:
+        key, hidden, what: as for `of_each_entry`.
+        where: for which of its uses the key is, where it has several.
+        how: hashable; what else decides what is hidden.
+    """
+    leaves = jax.tree.leaves(hidden)
+    if any(isinstance(x, Tracer) for x in (key, *leaves)):
+        return
+    with jax.ensure_compile_time_eval():
+        used = (what + where, np.asarray(keys.words(keys.typed(key))).tobytes())
+        now = hash((how, *(_checksum(x) for x in leaves)))
+    with _lock:
+        before = _hidden_by.setdefault(used, now)
+        _hidden_by.move_to_end(used)
+        if len(_hidden_by) > REMEMBERED:
+            _hidden_by.popitem(last=False)
+    if before != now:
+        warnings.warn(_leak(what), KeyReuseWarning, stacklevel=_users_level())
+
+
+def forget() -> None:
+    """Forgets all keys: what comes is another run."""
+    with _lock:
+        _hidden_by.clear()
+
+
+def _leak(what: str) -> str:
+    seen = {
+        "share": "whoever holds shares of both sees the difference of the values",
+        "step": "what is opened in both calls shows differences of the secrets",
+    }
+    return (
+        f"the same key is given to {_called(what)} a second time, with something else to hide: {seen[what]}. "
+        "Give each call a key of its own: jax.random.split(key, n), or ring.keys.derive(key, purpose)."
+    )
+
+
+def _checksum(x: Any) -> tuple[Any, ...]:
+    if isinstance(x, Array):
+        if any(device.platform != "cpu" for device in x.devices()) or not x.is_fully_addressable:
+            return (id(x),)
+        if jnp.issubdtype(x.dtype, jax.dtypes.prng_key):
+            x = jax.random.key_data(x)
+    flat = np.asarray(x).reshape(-1)
+    some = np.ascontiguousarray(flat[:: -(-flat.size // LOOKED_AT) or 1])
+    return np.shape(x), str(flat.dtype), zlib.crc32(some.tobytes())
+
+
+def _users_level() -> int:
+    """How many calls up the first frame outside of this package and of JAX is."""
+    ours = tuple(str(Path(module.__file__ or "").parent) for module in (sys.modules["ciphernav_jax"], jax))
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(ours):
+        level, frame = level + 1, frame.f_back
+    return level
