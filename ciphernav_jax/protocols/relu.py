@@ -29,17 +29,19 @@ def relu(
     """max(x, 0) / 2^shift and the bit x > 0, from one opening of x.
 
     1. take [r], its bits, and [r >> shift], [r >> 63]; 2. open c = [x] + [r];
-    3. from c and those, locally, the truncated value x / 2^shift as a `Masked` value
-       (`truncate.probabilistic`);
+    3. from c and those, locally, the truncated value x / 2^shift as a `Masked` value, right for x >= 0
+       (`truncate.from_opening` without an offset);
     4. from c and the bits of r the bit b = (x > 0), again `Masked` (`compare.positive`);
     5. [b x / 2^shift] is the product of two `Masked` values: the dealer's products, no opening.
 
     Opened: what `compare.positive` opens. Rounds: 7 by default. Correlated randomness for each value: one
     `Mask` with bits and shift, 31 bit `AndTriple`s, one of `SharedBits`, two `Product`s (one with shift 0).
     Error: that of the truncation, below 1 unit of the result and unbiased; with shift 0 none. Valid for |x| <
-    2^62 (with shift 0 for all x but -2^63). Where the bit is 0 the output is exactly 0.
+    2^63, twice as far as a truncation alone: where x < 0 the truncated value is wrong, but the bit is 0 and
+    the output exactly 0; so a positive x may have the offset's half of the ring as well.
     """
     mask = dealer.take(circuit.mask(x.shape, shift))
     c = open_sum(x + mask["mask"])
     positive = compare.positive_from_opening(dealer, c, mask, circuit)
-    return Relu(multiply(dealer, positive, truncate.from_opening(c, mask, shift)), positive)
+    truncated = truncate.from_opening(c, mask, shift, offset=0)
+    return Relu(multiply(dealer, positive, truncated), positive)

@@ -34,8 +34,9 @@ class Protocol:
             (CrypTen's); or "ideal". See `protocols.compare`.
         adder: how carries are found in it: "carry-tree" (what the top bit needs, no more), "kogge-stone",
             "brent-kung", "ripple" (63 rounds, for reference). See `protocols.adders`.
-        range_bits: k where all values whose sign is taken are known to lie within +-2^k; then the circuit
-            looks at the bits below alone. A value beyond gets a wrong sign. None for the whole range.
+        range_bits: k where all values whose sign is taken, or that are compared with one another, are known
+            to lie within +-2^k; then the circuit looks at the bits below alone, and at one more for a
+            difference of two that are compared. A value beyond gets a wrong sign. None for the whole range.
         argmax: "pairwise" (all pairs at once, two comparisons deep) or "tree" (n - 1 comparisons, log2 n
         deep). opened: what a classifier shows of its result: the "argmax" alone, or the "logits" as the paper
         does. generator: where uniform words come from: "threefry" or "chacha20". See `ring.random`.

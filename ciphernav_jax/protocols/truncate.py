@@ -33,6 +33,7 @@ from ciphernav_jax.protocols.party import AXIS, from_party_zero, labelled, open_
 
 # Added before opening, so that a signed x in [-2^62, 2^62) becomes an unsigned one below 2^63.
 OFFSET_BITS = 62
+OFFSET = 1 << OFFSET_BITS
 
 
 @labelled
@@ -124,23 +125,23 @@ def wrap_count(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> UInt64[Ar
     return lax.bitcast_convert_type(toward_zero, jnp.uint64) - (total << (64 - shift))
 
 
-def from_opening(c: UInt64[Array, "..."], mask: Dealt, shift: int) -> Masked:
+def from_opening(c: UInt64[Array, "..."], mask: Dealt, shift: int, offset: int = OFFSET) -> Masked:
     """Step 3 of `probabilistic` from an opened c = x + r (no offset) under a `Mask` with that shift. Local.
 
-    With shift 0 the value is c - [r], exactly.
+    It is right for -offset <= x < 2^63 - offset. With shift 0 the value is c - [r], exactly.
 
     Raises:
-        ValueError: a shift outside 0..62; the offset is no multiple of a larger one.
+        ValueError: a shift outside 0..62; the default offset is no multiple of a larger one.
     """
     if not 0 <= shift <= OFFSET_BITS:
         raise ValueError(f"truncation shifts by 0 to {OFFSET_BITS} bits, got {shift}")
     minus_one = jnp.full(c.shape, 2**64 - 1, jnp.uint64)
     if shift == 0:
         return Masked(c, (Term(minus_one, mask["mask"], mask.ref("mask")),))
-    c = c + (jnp.uint64(1) << OFFSET_BITS)
+    c = c + jnp.uint64(offset)
     wrap = (c >> 63 ^ 1) << (64 - shift)
     return Masked(
-        (c >> shift) - (jnp.uint64(1) << (OFFSET_BITS - shift)),
+        (c >> shift) - jnp.uint64(offset >> shift),
         (Term(minus_one, mask["high"], mask.ref("high")), Term(wrap, mask["top"], mask.ref("top"))),
     )
 
@@ -149,11 +150,11 @@ def from_opening(c: UInt64[Array, "..."], mask: Dealt, shift: int) -> Masked:
 def local(x: UInt64[Array, "..."], shift: int) -> UInt64[Array, "..."]:
     """Each of two parties shifts its own share: party 0 takes x_0 >> shift, party 1 takes -((-x_1) >> shift).
 
-    Opened: nothing. Rounds: 0. Correlated randomness: none. Error: below 1
-    unit and bias 0 as long as the shares wrap around as they should. Failure: with probability |x| / 2^64
-    they do not, and the result is off by 2^(64 - shift).
-    Source: Mohassel and Zhang, *SecureML*, S&P 2017,
-    section 4.1, theorem 1.
+    Opened: nothing. Rounds: 0. Correlated randomness: none, as long as the shares are uniform, as those of a
+    product are; others (of x - x, of a constant, of what was truncated so already) must be made so with a
+    `Zero`. Error: below 1 unit and bias 0 as long as the shares wrap around as they should. Failure: with
+    probability |x| / 2^64 they do not, and the result is off by 2^(64 - shift).
+    Source: Mohassel and Zhang, *SecureML*, S&P 2017, section 4.1, theorem 1.
 
     Raises:
         ValueError: not two parties; with more the shares wrap almost surely.

@@ -21,7 +21,7 @@ operands)` evaluates a closed jaxpr.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +32,7 @@ from ciphernav_jax.jax_private import ClosedJaxpr, jaxpr_as_fun, scan_parts
 from ciphernav_jax.protocols.dealer import Dealer, Plan, Planner, Supply
 from ciphernav_jax.protocols.party import AXIS
 from ciphernav_jax.protocols.repeat import OnCall, take_on_call, take_repeated
+from ciphernav_jax.secret import bounds
 from ciphernav_jax.secret.rules import Operand, Unsupported, at_rest, frac_bits_at_rest
 from ciphernav_jax.secret.value import Context, Value
 from ciphernav_jax.secret.witness import Notes
@@ -48,19 +49,28 @@ def _arrays(operands: Sequence[Operand]) -> list[Any]:
     return [(x.share, x.reference) if isinstance(x, Value) else x for x in operands]
 
 
-def _precisions(operands: Sequence[Operand]) -> list[int | None]:
-    """The fractional bits of each, None for what is public."""
-    return [x.frac_bits if isinstance(x, Value) else None for x in operands]
+class Precision(NamedTuple):
+    """What is known of a secret while tracing: its fractional bits and its bound."""
+
+    frac_bits: int
+    bound: int
 
 
-def _operands(context: Context, arrays: Sequence[Any], precisions: Sequence[int | None]) -> list[Operand]:
-    def operand(x: Any, bits: int | None) -> Operand:
-        if bits is None:
+def _precisions(operands: Sequence[Operand]) -> list[Precision | None]:
+    """The precision of each, None for what is public."""
+    return [Precision(x.frac_bits, x.bound) if isinstance(x, Value) else None for x in operands]
+
+
+def _operands(
+    context: Context, arrays: Sequence[Any], precisions: Sequence[Precision | None]
+) -> list[Operand]:
+    def operand(x: Any, precision: Precision | None) -> Operand:
+        if precision is None:
             return x
         share, reference = x
-        return _referred(Value(context, bits, share=share), reference)
+        return _referred(Value(context, *precision, share=share), reference)
 
-    return [operand(x, bits) for x, bits in zip(arrays, precisions, strict=True)]
+    return [operand(x, precision) for x, precision in zip(arrays, precisions, strict=True)]
 
 
 def _referred(x: Value, reference: Array | None) -> Value:
@@ -87,6 +97,11 @@ def _rest(
     return [rest(x, aval.dtype, hidden) for x, aval, hidden in zip(outputs, avals, secret, strict=True)]
 
 
+def _resting(context: Context, dtype: np.dtype) -> Precision:
+    frac_bits = frac_bits_at_rest(context, dtype)
+    return Precision(frac_bits, 1 if dtype == np.bool_ else bounds.resting(context.protocol, frac_bits))
+
+
 def _abstract(context: Context, aval: Any, hidden: bool) -> Any:
     """The shapes with which an operand crosses."""
     if not hidden:
@@ -106,7 +121,7 @@ class _Traced:
     """
 
     plan: Plan
-    precisions: list[int | None]
+    precisions: list[Precision | None]
     notes: Notes | None
 
     @property
@@ -181,10 +196,10 @@ class _Body:
             self.secret = secret
 
     @property
-    def resting(self) -> list[int | None]:
-        """The precisions of the carry."""
+    def resting(self) -> list[Precision | None]:
+        """The precisions of the carry, which may have become as large as a result may be."""
         return [
-            frac_bits_at_rest(self.context, aval.dtype) if hidden else None
+            _resting(self.context, aval.dtype) if hidden else None
             for aval, hidden in zip(self.carry_avals, self.secret, strict=True)
         ]
 
@@ -254,7 +269,7 @@ def _counted(
         reverse=reverse,
     )
     _include(context, notes)
-    return _operands(context, [*carry, *ys], body.traced.precisions)
+    return _operands(context, [*carry, *ys], [*body.resting, *body.traced.precisions[len(start) :]])
 
 
 def while_loop(
@@ -310,7 +325,7 @@ def while_loop(
     begin = (body.start(start), body.traced.no_notes)
     _, (carry, notes) = lax.while_loop(goes_on, iterate, (jnp.uint32(0), begin))
     _include(context, notes)
-    return _operands(context, carry, body.traced.precisions)
+    return _operands(context, carry, body.resting)
 
 
 def _iterations(
@@ -396,7 +411,9 @@ def cond(
     outputs, noted = lax.switch(index, runs)
     for notes in noted:
         _include(context, notes)
-    return _operands(context, outputs, traced[0].precisions)
+    of_all = zip(*(part.precisions for part in traced), strict=True)
+    largest = [of[0] and max(of, key=lambda x: x.bound) for of in of_all]
+    return _operands(context, outputs, largest)
 
 
 LOOPS = {"scan": scan, "while": while_loop, "cond": cond}

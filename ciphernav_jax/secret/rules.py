@@ -8,8 +8,11 @@ By family: data movement, linear, products, comparisons, selection, logic. What 
 `secure` with its name and place in the user's program.
 """
 
+import itertools
+import math
 from collections.abc import Callable
 from contextlib import nullcontext
+from functools import partial
 from typing import Any
 
 import jax
@@ -19,18 +22,11 @@ from jax import Array, lax
 
 from ciphernav_jax import ring
 from ciphernav_jax.jax_private import Primitive
-from ciphernav_jax.protocols.dealer import Zero
-from ciphernav_jax.secret.value import (
-    Context,
-    Value,
-    align,
-    dot_public,
-    times_constant,
-    times_public,
-    where,
-)
+from ciphernav_jax.secret import bounds
+from ciphernav_jax.secret.scaling import Public, dot_public, from_public, times_constant, times_public
+from ciphernav_jax.secret.value import Context, Value, join, where
 
-Operand = Value | Array | np.ndarray
+Operand = Value | Public
 Rule = Callable[..., Any]
 RULES: dict[str, Rule] = {}
 
@@ -49,12 +45,9 @@ def rule(*names: str) -> Callable[[Rule], Rule]:
     return register
 
 
-def _to_value(context: Context, x: Operand, frac_bits: int) -> Value:
-    """A public operand as a sharing that party 0 holds; a secret one as it is."""
-    if isinstance(x, Value):
-        return x
-    zero = Value(context, frac_bits, share=jnp.zeros(jnp.shape(x), jnp.uint64))
-    return zero.add_public(ring.encode(x, frac_bits))
+def to_value(context: Context, x: Operand) -> Value:
+    """A public operand as a value that party 0 holds; a secret one as it is."""
+    return x if isinstance(x, Value) else from_public(context, x)
 
 
 def frac_bits_at_rest(context: Context, dtype: np.dtype) -> int:
@@ -64,51 +57,11 @@ def frac_bits_at_rest(context: Context, dtype: np.dtype) -> int:
 
 def at_rest(context: Context, x: Operand, dtype: np.dtype) -> Value:
     """An operand as a `Secret` of that dtype has it: truncated, of that precision, shared if it is public."""
-    frac_bits = frac_bits_at_rest(context, dtype)
-    if not isinstance(x, Value):
-        return _fresh(context, x, frac_bits)
-    return x.settled.lifted(frac_bits) if frac_bits else x
-
-
-def _fresh(context: Context, x: Operand, frac_bits: int) -> Value:
-    """As `_to_value`, for a public operand that will stand alone as a secret.
-
-    Local truncation needs shares that are random: there the dealer's shares of zero make them so.
-    """
-    return x if isinstance(x, Value) else _refreshed(context, ring.encode(x, frac_bits), frac_bits)
-
-
-def _refreshed(context: Context, words: Array, frac_bits: int) -> Value:
-    """Public ring elements that will stand alone as secrets."""
-    value = Value(context, frac_bits, share=jnp.zeros(words.shape, jnp.uint64)).add_public(words)
-    if context.protocol.truncation != "local":
-        return value
-    zero = context.dealer.take(Zero(value.shape))["zero"]
-    return Value(context, frac_bits, share=value.share + zero)
+    return to_value(context, x).settled.lifted(frac_bits_at_rest(context, dtype))
 
 
 def _is_zero(x: Operand) -> bool:
     return isinstance(x, np.ndarray) and not np.any(x)
-
-
-def _together(
-    context: Context, operands: tuple[Operand, ...], to_value: Any = _to_value
-) -> tuple[Value, ...]:
-    """All operands as values with equal fractional bits."""
-    secrets = iter(align(*[x for x in operands if isinstance(x, Value)]))
-    aligned = [next(secrets) if isinstance(x, Value) else x for x in operands]
-    frac_bits = next(x.frac_bits for x in aligned if isinstance(x, Value))
-    bits = max(frac_bits, context.protocol.frac_bits if _has_public_float(operands) else 0)
-    return tuple(to_value(context, x, bits).lifted(bits) for x in aligned)
-
-
-def _side_by_side(context: Context, operands: tuple[Operand, ...]) -> tuple[Value, ...]:
-    """As `_together`, for entries that will stand beside one another unmixed."""
-    return _together(context, operands, _fresh)
-
-
-def _has_public_float(operands: tuple[Operand, ...]) -> bool:
-    return any(not isinstance(x, Value) and jnp.issubdtype(x.dtype, np.floating) for x in operands)
 
 
 # --- data movement: the same operation on the shares ------------------------------------------------
@@ -125,12 +78,12 @@ def _moves(primitive: Primitive, data_operands: int | None = None) -> None:
         indices = operands[count:]
         if any(isinstance(x, Value) for x in indices):
             raise Unsupported("an index is secret; indices must be public")
-        data = _side_by_side(context, operands[:count])
-        moved = primitive.bind(*[x.share for x in data], *indices, **params)
-        frac_bits = data[0].frac_bits
-        if primitive.multiple_results:
-            return [Value(context, frac_bits, share=share) for share in moved]
-        return Value(context, frac_bits, share=moved)
+        data = [to_value(context, x) for x in operands[:count]]
+
+        def bound(*shares: Array) -> Any:
+            return primitive.bind(*shares, *indices, **params)
+
+        return data[0].moved(bound) if count == 1 else join(bound, *data)
 
     RULES[primitive.name] = move
 
@@ -139,21 +92,34 @@ for _primitive in (
     lax.broadcast_in_dim_p,
     lax.concatenate_p,
     lax.copy_p,
-    lax.cumsum_p,
     lax.pad_p,
     lax.reshape_p,
     lax.rev_p,
     lax.slice_p,
-    lax.split_p,
     lax.squeeze_p,
     lax.stack_p,
     lax.tile_p,
     lax.transpose_p,
-    lax.unstack_p,
 ):
     _moves(_primitive)
 _moves(lax.dynamic_slice_p, data_operands=1)
 _moves(lax.dynamic_update_slice_p, data_operands=2)
+
+
+@rule("split")
+def _split(context: Context, x: Value, *, sizes: tuple[int, ...], axis: int) -> list[Value]:
+    ends = list(itertools.accumulate(sizes))
+    return [
+        x.moved(partial(lax.slice_in_dim, start_index=end - size, limit_index=end, axis=axis))
+        for size, end in zip(sizes, ends, strict=True)
+    ]
+
+
+@rule("unstack")
+def _unstack(context: Context, x: Value, *, axis: int) -> list[Value]:
+    return [
+        x.moved(partial(lax.index_in_dim, index=i, axis=axis, keepdims=False)) for i in range(x.shape[axis])
+    ]
 
 
 TYPED = {"gather"}
@@ -167,9 +133,7 @@ def _gather(
     if isinstance(indices, Value) or not isinstance(x, Value):
         raise Unsupported("the indices are secret; gather takes public indices")
     if params["mode"] != lax.GatherScatterMode.FILL_OR_DROP:
-        return Value(
-            context, x.frac_bits, share=lax.gather_p.bind(x.share, indices, fill_value=None, **params)
-        )
+        return x.moved(lambda share: lax.gather_p.bind(share, indices, fill_value=None, **params))
 
     def read(filled_with: Any, x: Array) -> Array:
         return lax.gather_p.bind(x, indices, fill_value=filled_with, **params)
@@ -179,17 +143,18 @@ def _gather(
         inside, filling = read(False, jnp.ones(shape, np.bool_)), read(fill_value, jnp.zeros(shape, dtype))
         if known:
             inside, filling = np.asarray(inside), np.asarray(filling)
+    entries = x.moved(partial(read, 0))
     if known and np.all(inside):
-        return Value(context, x.frac_bits, share=read(0, x.share))
-    x = x.settled.lifted(frac_bits_at_rest(context, dtype))
-    bound = 2.0 ** (62 - x.frac_bits)
+        return entries
+    frac_bits = frac_bits_at_rest(context, dtype)
+    bound = 2.0 ** (62 - frac_bits)
     if known and not np.all(ring.fits(filling, bound)):
         raise Unsupported(
             f"an index is out of range, where JAX reads {fill_value}, which no secret can be. "
             'Give another fill_value to x.at[i].get, or use mode="clip"'
         )
-    filling = _refreshed(context, ring.encode_or_poison(filling, x.frac_bits, bound), x.frac_bits)
-    return Value(context, x.frac_bits, share=read(0, x.share)).add(filling)
+    filling = ring.encode_or_poison(filling, frac_bits, bound)
+    return entries.add(Value(context, frac_bits, bounds.resting(context.protocol, frac_bits), public=filling))
 
 
 def _scatter_into(scatter: Callable[..., Array]) -> Rule:
@@ -212,18 +177,24 @@ def _scatter_into(scatter: Callable[..., Array]) -> Rule:
             raise Unsupported("the indices are secret; scatter takes public indices")
         if scatter is lax.scatter and not _is_set(update_jaxpr):
             raise Unsupported("x.at[i].apply(f) has no rule. Write x.at[i].set(f(x[i]))")
-        into, new = _side_by_side(context, (x, updates))
+
         # Not the primitive's own parameters: those hold a sum of floats, and shares are words.
-        share = scatter(
-            into.share,
-            indices,
-            new.share,
-            dimension_numbers,
-            indices_are_sorted=indices_are_sorted,
-            unique_indices=unique_indices,
-            mode=mode,
-        )
-        return Value(context, into.frac_bits, share=share)
+        def bound(into: Array, new: Array) -> Array:
+            return scatter(
+                into,
+                indices,
+                new,
+                dimension_numbers,
+                indices_are_sorted=indices_are_sorted,
+                unique_indices=unique_indices,
+                mode=mode,
+            )
+
+        into, new = to_value(context, x), to_value(context, updates)
+        if scatter is lax.scatter:
+            return join(bound, into, new)
+        zeros = jnp.zeros(into.shape, jnp.uint64)
+        return into.add(new.summed(math.prod(indices.shape[:-1]), lambda share: bound(zeros, share)))
 
     return scattered
 
@@ -245,14 +216,12 @@ RULES["scatter-add"] = _scatter_into(lax.scatter_add)
 
 @rule("add", "add_any")
 def _add(context: Context, x: Operand, y: Operand, **_: Any) -> Value:
-    a, b = _together(context, (x, y))
-    return a.add(b)
+    return to_value(context, x).add(to_value(context, y))
 
 
 @rule("sub")
 def _sub(context: Context, x: Operand, y: Operand, **_: Any) -> Value:
-    a, b = _together(context, (x, y))
-    return a.add(b.negated())
+    return to_value(context, x).add(to_value(context, y).negated())
 
 
 @rule("stop_gradient")
@@ -267,7 +236,13 @@ def _neg(context: Context, x: Value) -> Value:
 
 @rule("reduce_sum")
 def _reduce_sum(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Value:
-    return Value(context, x.frac_bits, share=jnp.sum(x.share, axis=axes, dtype=jnp.uint64))
+    count = math.prod(x.shape[axis] for axis in axes)
+    return x.summed(count, lambda share: jnp.sum(share, axis=axes, dtype=jnp.uint64))
+
+
+@rule("cumsum")
+def _cumsum(context: Context, x: Value, *, axis: int, **params: Any) -> Value:
+    return x.summed(x.shape[axis], lambda share: lax.cumsum_p.bind(share, axis=axis, **params))
 
 
 @rule("convert_element_type")
@@ -284,12 +259,19 @@ def _convert(context: Context, x: Value, *, new_dtype: np.dtype, **_: Any) -> Op
 
 @rule("mul")
 def _mul(context: Context, x: Operand, y: Operand, **_: Any) -> Value:
+    for one, other in ((x, y), (y, x)):
+        if isinstance(one, OneOfTwo) and isinstance(other, Value):
+            return one.multiply(other)
     if isinstance(x, Value) and isinstance(y, Value):
         return x.times(y)
     secret, public = (x, y) if isinstance(x, Value) else (y, x)
     assert isinstance(secret, Value)
-    multiply = times_constant if isinstance(public, np.ndarray) else times_public
-    return multiply(secret, public)  # pyright: ignore[reportArgumentType]
+    assert not isinstance(public, Value)
+    return _scale(secret, public)
+
+
+def _scale(x: Value, public: Public) -> Value:
+    return times_constant(x, public) if isinstance(public, np.ndarray) else times_public(x, public)
 
 
 @rule("div")
@@ -298,7 +280,7 @@ def _div(context: Context, x: Operand, y: Operand) -> Value:
         return _mul(context, x, y.reciprocal())
     if isinstance(y, Value):
         raise Unsupported("the divisor is secret; only public divisors are supported")
-    return _mul(context, x, np.asarray(1.0 / y.astype(np.float64)) if isinstance(y, np.ndarray) else 1.0 / y)
+    return _mul(context, x, 1.0 / y.astype(np.float64))
 
 
 @rule("square")
@@ -337,13 +319,22 @@ def _dot_general(
 
 
 def _greater(context: Context, x: Operand, y: Operand) -> Value:
-    if _is_zero(y) and isinstance(x, Value):
-        return x.positive if np.shape(y) in ((), x.shape) else _sub(context, x, y).positive
-    return _sub(context, x, y).positive
+    x, y = to_value(context, x), to_value(context, y)
+    return (x if _is_nothing(y, x) else x.compared(y)).positive
+
+
+def _is_nothing(y: Value, x: Value) -> bool:
+    """Whether y is a constant 0, which adds nothing to x."""
+    return y.public is not None and y.bound == 0 and np.shape(y.public) in ((), x.shape)
+
+
+def _bit(x: Value) -> Value:
+    """A value that is known to be 0, 1 or -1."""
+    return Value(x.context, 0, 1, share=x.share)
 
 
 def _not(context: Context, x: Value) -> Value:
-    return _sub(context, np.array(1), x)
+    return _bit(_sub(context, np.array(1), x))
 
 
 @rule("eq")
@@ -356,20 +347,20 @@ def _equal(context: Context, x: Operand, y: Operand) -> Operand:
 def _ne(context: Context, x: Operand, y: Operand) -> Operand:
     if x is y:
         return np.zeros(x.shape, np.bool_)  # the usual test for NaN, which no secret is
-    above, below = _sides(context, _sub(context, x, y))
-    return above.add(below)
+    above, below = _sides(to_value(context, x).compared(to_value(context, y)))
+    return _bit(above.add(below))
 
 
-def _sides(context: Context, x: Value) -> tuple[Value, Value]:
+def _sides(x: Value) -> tuple[Value, Value]:
     """The bits x > 0 and x < 0, in one comparison."""
-    both = Value(context, x.frac_bits, share=jnp.stack([x.share, -x.share])).positive
-    return Value(context, 0, share=both.share[0]), Value(context, 0, share=both.share[1])
+    both = x.beside(x.negated()).positive
+    return both.like(both.share[0]), both.like(both.share[1])
 
 
 @rule("sign")
 def _sign(context: Context, x: Value) -> Value:
-    above, below = _sides(context, x)
-    return above.add(below.negated())
+    above, below = _sides(x)
+    return _bit(above.add(below.negated()))
 
 
 RULES["gt"] = _greater
@@ -383,15 +374,22 @@ RULES["ge"] = lambda context, x, y: _not(context, _greater(context, y, x))
 
 @rule("max")
 def _max(context: Context, x: Operand, y: Operand) -> Value:
-    for secret, public in ((x, y), (y, x)):
-        if _is_zero(public) and isinstance(secret, Value) and np.shape(public) in ((), secret.shape):
-            return secret.relu
-    return _add(context, _sub(context, x, y).relu, y)
+    """relu(x - y) + y, with a y that is public or waits for no truncation: the same in both places."""
+    above, base = to_value(context, x), to_value(context, y)
+    if above.waits and base.waits:
+        above, base = above.settled, base.settled
+    if above.public is not None or base.waits:
+        above, base = base, above
+    if _is_nothing(base, above):
+        return above.relu
+    larger = above.compared(base).relu.add(base)
+    bound = max(v.bound_at(larger.frac_bits) for v in (above, base))
+    return Value(context, larger.frac_bits, bound, share=larger.share)
 
 
 @rule("min")
 def _min(context: Context, x: Operand, y: Operand) -> Value:
-    return _sub(context, x, _sub(context, x, y).relu)
+    return _max(context, *(to_value(context, operand).negated() for operand in (x, y))).negated()
 
 
 @rule("clamp")
@@ -410,9 +408,9 @@ def _reduce_with(of_two: Callable[[Context, Value, Value], Value]) -> Rule:
         left = share.reshape(-1, *share.shape[len(axes) :])
         while len(left) > 1:
             half = len(left) // 2
-            a, b = (Value(context, x.frac_bits, share=part) for part in (left[:half], left[half : 2 * half]))
-            left = jnp.concatenate([of_two(context, a, b).share, left[2 * half :]])
-        return Value(context, x.frac_bits, share=left[0])
+            winners = of_two(context, x.like(left[:half]), x.like(left[half : 2 * half]))
+            left = jnp.concatenate([winners.share, left[2 * half :]])
+        return x.like(left[0])
 
     return reduce
 
@@ -423,27 +421,32 @@ RULES["reduce_min"] = _reduce_with(_min)
 
 @rule("abs")
 def _abs(context: Context, x: Value) -> Value:
-    return _sub(context, x.relu.scaled(-1), x)
+    x = x.settled
+    return Value(context, x.frac_bits, x.bound, share=(x.relu.share << 1) - x.share)
 
 
 class OneOfTwo(Value):
     """One of two public values, chosen by a secret bit: bit (on_true - on_false) + on_false. Local, exact.
 
-    Its reciprocal is one of two as well. (The derivative of max divides by such a value: 2 where the operands
-    are equal, otherwise 1.)
+    Its reciprocal is one of two as well, and so is a product with it, each of whose values keeps a precision
+    of its own. (The derivative of max divides by such a value: 2 where the operands are equal, otherwise 1.)
     """
 
-    def __init__(
-        self, context: Context, bit: Value, on_false: Array | np.ndarray, on_true: Array | np.ndarray
-    ):
-        frac_bits = context.protocol.frac_bits if _has_public_float((on_false, on_true)) else 0
+    def __init__(self, context: Context, bit: Value, on_false: Public, on_true: Public):
         self.bit, self.on_false, self.on_true = bit, on_false, on_true
-        low, high = ring.encode(on_false, frac_bits), ring.encode(on_true, frac_bits)
-        chosen = Value(context, frac_bits, share=bit.share * (high - low)).add_public(low)
-        super().__init__(context, frac_bits, share=chosen.share)
+        low, high = from_public(context, on_false), from_public(context, on_true)
+        assert low.public is not None
+        assert high.public is not None
+        share = bit.share * (high.public - low.public) + low.share
+        super().__init__(context, low.frac_bits, max(low.bound, high.bound), share=share)
 
     def reciprocal(self) -> "OneOfTwo":
-        return OneOfTwo(self.context, self.bit, 1.0 / self.on_false, 1.0 / self.on_true)
+        low, high = (1.0 / x.astype(np.float64) for x in (self.on_false, self.on_true))
+        return OneOfTwo(self.context, self.bit, low, high)
+
+    def multiply(self, x: Value) -> Value:
+        """x times this value."""
+        return where(self.bit, _scale(x, self.on_true), _scale(x, self.on_false))
 
 
 @rule("select_n")
@@ -451,9 +454,7 @@ def _select(context: Context, which: Operand, *cases: Operand) -> Operand:
     if not isinstance(which, Value):
         if isinstance(which, np.ndarray) and which.size and np.all(which == which.flat[0]):
             return cases[int(which.flat[0])]
-        aligned = _side_by_side(context, cases)
-        chosen = lax.select_n_p.bind(which, *[case.share for case in aligned])
-        return Value(context, aligned[0].frac_bits, share=chosen)
+        return join(partial(lax.select_n_p.bind, which), *[to_value(context, case) for case in cases])
     if len(cases) != 2:
         raise Unsupported(f"a secret index selects among {len(cases)} cases; only two are supported")
     on_false, on_true = cases
@@ -461,18 +462,17 @@ def _select(context: Context, which: Operand, *cases: Operand) -> Operand:
         return which.times(on_true)
     if not isinstance(on_true, Value) and not isinstance(on_false, Value):
         return OneOfTwo(context, which, on_false, on_true)
-    bits = context.protocol.frac_bits if _has_public_float(cases) else 0
-    return where(which, _to_value(context, on_true, bits), _to_value(context, on_false, bits))
+    return where(which, to_value(context, on_true), to_value(context, on_false))
 
 
 @rule("argmax")
 def _argmax(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Value:
     """The index of the largest entry, the first of equals, without opening anything but masked words."""
     (axis,) = axes
-    entries = Value(context, x.frac_bits, share=jnp.moveaxis(x.share, axis, -1))
+    entries = x.moved(lambda share: jnp.moveaxis(share, axis, -1))
     n = entries.shape[-1]
     if n == 1:
-        return Value(context, 0, share=jnp.zeros(entries.shape[:-1], jnp.uint64))
+        return from_public(context, np.zeros(entries.shape[:-1], np.int64))
     return (_tournament if context.protocol.argmax == "tree" else _pairwise)(context, entries)
 
 
@@ -480,39 +480,39 @@ def _pairwise(context: Context, x: Value) -> Value:
     """Every pair is compared at once; who wins n - 1 times is the largest: two comparisons deep."""
     n = x.shape[-1]
     low, high = np.triu_indices(n, 1)
-    later_wins = Value(context, x.frac_bits, share=x.share[..., high] - x.share[..., low]).positive
+    earlier, later = (x.moved(lambda share, i=i: share[..., i]) for i in (low, high))
+    later_wins = later.compared(earlier).positive
     lost = np.zeros((len(low), n), np.int64)
     lost[np.arange(len(low)), low] = 1
     lost[np.arange(len(low)), high] = -1
     # An entry loses to the later ones that are larger, and to the earlier ones unless it is itself larger.
     contract = (((later_wins.share.ndim - 1,), (0,)), ((), ()))
     losses = dot_public(later_wins, lost, contract, public_left=False)
-    losses = losses.add_public(jnp.arange(n, dtype=jnp.uint64))
-    beaten = losses.positive
+    beaten = losses.add(from_public(context, np.arange(n))).positive
     index = times_constant(_not(context, beaten), np.arange(n))
-    return Value(context, index.frac_bits, share=jnp.sum(index.share, axis=-1, dtype=jnp.uint64))
+    return index.summed(n, lambda share: jnp.sum(share, axis=-1, dtype=jnp.uint64))
 
 
 def _tournament(context: Context, x: Value) -> Value:
     """Neighbours are compared, and the winners again: n - 1 comparisons, ceil(log2 n) deep."""
 
     def part(value: Value, index: slice) -> Value:
-        return Value(context, value.frac_bits, share=value.share[..., index])
+        return value.moved(lambda share: share[..., index])
 
-    numbers = jnp.broadcast_to(jnp.arange(x.shape[-1], dtype=jnp.uint64), x.shape)
-    index = _to_value(context, numbers, 0)
+    def beside(a: Value, b: Value) -> Value:
+        return join(lambda *shares: jnp.concatenate(shares, axis=-1), a, b)
+
+    x = x.settled
+    index = from_public(context, np.broadcast_to(np.arange(x.shape[-1]), x.shape))
     while (n := x.shape[-1]) > 1:
         even = n // 2 * 2
         lower, upper = slice(0, even, 2), slice(1, even, 2)
-        difference = _sub(context, part(x, upper), part(x, lower))
-        largest = _add(context, difference.relu, part(x, lower))
+        difference = part(x, upper).compared(part(x, lower))
+        largest = difference.relu.add(part(x, lower))
         where_largest = where(difference.positive, part(index, upper), part(index, lower))
         rest = slice(even, n)
-        joined = (align(largest, part(x, rest)), (where_largest, part(index, rest)))
-        x, index = (
-            Value(context, a.frac_bits, share=jnp.concatenate([a.share, b.share], axis=-1)) for a, b in joined
-        )
-    return Value(context, 0, share=index.share[..., 0])
+        x, index = beside(largest, part(x, rest)), beside(where_largest, part(index, rest))
+    return index.moved(lambda share: share[..., 0])
 
 
 @rule("argmin")
@@ -535,12 +535,12 @@ def _and(context: Context, x: Operand, y: Operand) -> Value:
 
 @rule("or")
 def _or(context: Context, x: Operand, y: Operand) -> Value:
-    return _sub(context, _add(context, x, y), _mul(context, x, y))
+    return _bit(_sub(context, _add(context, x, y), _mul(context, x, y)))
 
 
 @rule("xor")
 def _xor(context: Context, x: Operand, y: Operand) -> Value:
-    return _sub(context, _add(context, x, y), _mul(context, _mul(context, x, y), np.array(2)))
+    return _bit(_sub(context, _add(context, x, y), _mul(context, _mul(context, x, y), np.array(2))))
 
 
 @rule("reduce_or")

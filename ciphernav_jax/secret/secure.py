@@ -22,7 +22,7 @@ from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.jaxprs import wrapped
 from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
-from ciphernav_jax.secret import fresh
+from ciphernav_jax.secret import bounds, fresh
 from ciphernav_jax.secret.array import Secret
 from ciphernav_jax.secret.loops import LOOPS
 from ciphernav_jax.secret.places import of_function, place
@@ -98,7 +98,9 @@ class Secure:
             context = Context(self.protocol, dealer, witness and witness.inside(), of_function(self.function))
             private, public = iter(private), iter(public)
             values = [
-                Value(context, x.frac_bits, share=next(private)) if isinstance(x, Secret) else next(public)
+                Value(context, x.frac_bits, bounds.shared(self.protocol, x.dtype), share=next(private))
+                if isinstance(x, Secret)
+                else next(public)
                 for x in leaves
             ]
             if context.witness:

@@ -4,24 +4,29 @@ A product has more fractional bits than its factors. It is not truncated at once
 `frac_bits`, sums are taken at full precision, and the truncation waits for the operation that needs it, which
 may absorb it (ReLU and selection do). A value also remembers its opening under a mask and the bit x > 0, so
 that each is computed once however often it is used: in the backward pass, say.
+
+A value that waits must still be truncatable when its turn comes. So each carries a static `bound`, from the
+contract and from what was done to it (`secret.bounds`), and what could leave the ring is truncated first.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
-import numpy as np
-from jax import Array
+from jax import Array, lax
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
 from ciphernav_jax.protocols import Protocol, compare, ideal, masked, multiply, truncate
 from ciphernav_jax.protocols import relu as relus
-from ciphernav_jax.protocols.dealer import Dealer
+from ciphernav_jax.protocols.dealer import Dealer, Zero
 from ciphernav_jax.protocols.masked import Masked
 from ciphernav_jax.protocols.party import from_party_zero
 from ciphernav_jax.ring.linear import DimensionNumbers
+from ciphernav_jax.secret import bounds
 from ciphernav_jax.secret.places import Place
 
 if TYPE_CHECKING:
@@ -29,6 +34,8 @@ if TYPE_CHECKING:
 
 # A value with more fractional bits than this would lose its integer part in the ring.
 MAX_FRAC_BITS = 62
+
+Move = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -53,8 +60,13 @@ class Value:
     Attributes:
         context: the program's protocol and dealer.
         frac_bits: the value is the shares' signed sum / 2^frac_bits.
+        bound: no entry's signed sum is larger in magnitude; known while tracing.
         share: uint64[shape], this party's additive share.
         form: the value as a `Masked` value where one is known.
+        public: the ring integers, of a value that everybody knows.
+        excess: ring integers with the protocol's fractional bits that `relu` adds; see `add`.
+        fresh: whether each entry's shares are known to be uniform, whatever the value.
+        doubled: whether this is a difference of two values that are compared.
         reference, row: where a witness stands beside the program, what the value should be, and the
             equation that made it (`secret.witness`).
     """
@@ -63,16 +75,34 @@ class Value:
     row: "Row | None" = None
 
     def __init__(
-        self, context: Context, frac_bits: int, *, share: Array | None = None, form: Masked | None = None
+        self,
+        context: Context,
+        frac_bits: int,
+        bound: int,
+        *,
+        share: Array | None = None,
+        form: Masked | None = None,
+        public: Array | None = None,
+        settle: Callable[[], "Value"] | None = None,
+        excess: Array | None = None,
+        fresh: bool = False,
     ):
         self.context = context
         self.frac_bits = frac_bits
+        self.bound = bound if self.waits else min(bound, bounds.resting(context.protocol, frac_bits))
         self.form = form
+        self.public = public
+        self.excess = excess
+        self.fresh = fresh
+        self.doubled = False
+        self._settle = settle
         if share is not None:
             self.share = share
 
     @cached_property
     def share(self) -> UInt64[Array, "..."]:
+        if self.public is not None:
+            return from_party_zero(self.public)
         assert self.form is not None
         return self.form.share()
 
@@ -80,18 +110,71 @@ class Value:
     def shape(self) -> tuple[int, ...]:
         return self.share.shape
 
-    def _new(self, frac_bits: int, share: Array) -> "Value":
-        return Value(self.context, frac_bits, share=share)
+    def like(self, share: Array) -> "Value":
+        """Another value of this precision and bound."""
+        return Value(self.context, self.frac_bits, self.bound, share=share)
+
+    def bound_at(self, frac_bits: int) -> int:
+        """The bound with other fractional bits."""
+        shift = frac_bits - self.frac_bits
+        return self.bound << shift if shift >= 0 else -(-self.bound >> -shift)
+
+    def moved(self, move: Move) -> "Value":
+        """The same entries elsewhere, repeated, left out, or negated, as `move` says of arrays."""
+        public, excess = (None if x is None else move(x) for x in (self.public, self.excess))
+
+        def settle() -> Value:
+            # One truncation serves all that is made of its result, unless fewer entries need it.
+            if "settled" in vars(self) or not self.truncatable or result.share.size >= self.share.size:
+                return self.settled.moved(move)
+            return result.truncated(self.context.protocol.frac_bits)
+
+        result = Value(
+            self.context,
+            self.frac_bits,
+            self.bound,
+            share=None if public is not None else move(self.share),
+            public=public,
+            excess=excess,
+            settle=settle,
+            fresh=self.fresh,
+        )
+        return result
 
     # --- precision ---
+
+    @property
+    def waits(self) -> bool:
+        """Whether a truncation is pending."""
+        return self.frac_bits > self.context.protocol.frac_bits
+
+    @property
+    def truncatable(self) -> bool:
+        """Whether the share itself may be truncated, to the protocol's fractional bits."""
+        return self.bound <= self.most(self.frac_bits)
+
+    def most(self, frac_bits: int) -> int:
+        """The largest that can be truncated from so many fractional bits to the protocol's."""
+        protocol = self.context.protocol
+        return bounds.truncatable(protocol, max(frac_bits - protocol.frac_bits, 0))
 
     @cached_property
     def settled(self) -> "Value":
         """This value with at most the protocol's fractional bits: truncated if it has more."""
-        protocol = self.context.protocol
-        shift = self.frac_bits - protocol.frac_bits
-        if shift <= 0:
+        if not self.waits:
             return self
+        return self._settle() if self._settle else self.truncated(self.context.protocol.frac_bits)
+
+    def truncated(self, frac_bits: int) -> "Value":
+        """This value with fewer fractional bits, perhaps fewer than 0."""
+        protocol, shift = self.context.protocol, self.frac_bits - frac_bits
+        if shift == 0:
+            return self
+        if self.bound > bounds.truncatable(protocol, shift):
+            raise RuntimeError(
+                f"a value of {self.bound.bit_length()} bits was about to be truncated by {shift}: that "
+                "fails. This is a fault of ciphernav_jax, not yours: please report it with your function."
+            )
         dealer, share, form = self.context.dealer, None, None
         match protocol.truncation:
             case "probabilistic":
@@ -103,41 +186,115 @@ class Value:
             case "wrap-count":
                 share = truncate.wrap_count(dealer, self.share, shift)
             case "local":
-                share = truncate.local(self.share, shift)
+                share = truncate.local(self._fresh_share(), shift)
             case "ideal":
                 share = ideal.ideal_truncation(dealer, self.share, shift)
-        settled = Value(self.context, protocol.frac_bits, share=share, form=form)
+        result = Value(self.context, frac_bits, -(-self.bound >> shift), share=share, form=form)
         if self.context.witness:
-            self.context.witness.truncated(self, shift, settled)
-        return settled
+            self.context.witness.truncated(self, shift, result)
+        return result
+
+    def _fresh_share(self) -> UInt64[Array, "..."]:
+        """The share, made uniform where it may not be: one of x - x is the same for each party."""
+        return self.share if self.fresh else self.share + self.context.dealer.take(Zero(self.shape))["zero"]
 
     def lifted(self, frac_bits: int) -> "Value":
         """This value with more fractional bits: shifted left. Local, exact."""
         if frac_bits == self.frac_bits:
             return self
-        return self._new(frac_bits, self.share << (frac_bits - self.frac_bits))
+        shift = frac_bits - self.frac_bits
+        return Value(
+            self.context,
+            frac_bits,
+            self.bound << shift,
+            share=None if self.public is not None else self.share << shift,
+            public=None if self.public is None else self.public << shift,
+            settle=lambda: self.settled,
+        )
 
     def scaled(self, exponent: int) -> "Value":
         """This value times 2^-exponent: the same shares read with other fractional bits. Local, exact."""
-        if self.frac_bits + exponent > MAX_FRAC_BITS and self.settled is not self:
-            return self.settled.scaled(exponent)
         frac_bits = self.frac_bits + exponent
         if frac_bits < 0:
-            return self._new(0, self.share << -frac_bits)
-        return Value(self.context, frac_bits, share=self.share)
+            return Value(self.context, 0, self.bound << -frac_bits, share=self.share << -frac_bits)
+        scaled = Value(self.context, frac_bits, self.bound, share=self.share, fresh=self.fresh)
+        if frac_bits <= MAX_FRAC_BITS and (not scaled.waits or scaled.truncatable):
+            return scaled
+        shorter = self.settled if self.waits else self.truncated(self.frac_bits - 1)
+        return shorter.scaled(exponent)
 
     # --- linear operations, all local ---
 
     def add(self, other: "Value") -> "Value":
-        a, b = align(self, other)
-        return a._new(a.frac_bits, a.share + b.share)
+        """The sum. Where one or both wait for a truncation and the sum is too large for one, but not for its
+        sign, the sum is kept for comparisons and ReLU, and elsewhere truncated in parts.
 
-    def add_public(self, encoded: UInt64[Array, "..."]) -> "Value":
-        """Adds a public array that is encoded with this value's fractional bits."""
-        return self._new(self.frac_bits, self.share + from_party_zero(encoded))
+        A public number may be of any size. What of it cannot be added to a product is its `excess`: without
+        it the sum has the same sign, since the product is smaller, and above 0 the ReLU lacks just it.
+        """
+        protocol = self.context.protocol
+        frac_bits = max(self.frac_bits, other.frac_bits)
+        a, b = self.bound_at(frac_bits), other.bound_at(frac_bits)
+
+        def settle() -> Value:
+            return self.settled.add(other.settled)
+
+        if frac_bits <= protocol.frac_bits or a + b <= self.most(frac_bits):
+            return self._plus(other, frac_bits, None)
+        if frac_bits > 2 * protocol.frac_bits:
+            return settle()
+        if a + b <= bounds.SIGNED:
+            return self._plus(other, frac_bits, settle)
+        if other.public is not None and self.waits and self.truncatable:
+            other = other.lifted(protocol.frac_bits)
+            assert other.public is not None
+            most = 2**62 >> (frac_bits - protocol.frac_bits)
+            within = _clipped(other.public, most)
+            part = Value(self.context, protocol.frac_bits, most, public=within)
+            return self._plus(part, frac_bits, settle, other.public - within)
+        if self.public is not None and other.waits and other.truncatable:
+            return other.add(self)
+        return settle()
+
+    def _plus(
+        self,
+        other: "Value",
+        frac_bits: int,
+        settle: Callable[[], "Value"] | None,
+        excess: Array | None = None,
+    ) -> "Value":
+        a, b = self.lifted(frac_bits), other.lifted(frac_bits)
+        bound = a.bound + b.bound
+        if a.public is not None and b.public is not None:
+            return Value(self.context, frac_bits, bound, public=a.public + b.public, settle=settle)
+        return Value(self.context, frac_bits, bound, share=a.share + b.share, settle=settle, excess=excess)
 
     def negated(self) -> "Value":
-        return self._new(self.frac_bits, -self.share)
+        return self.moved(jnp.negative)
+
+    def compared(self, other: "Value") -> "Value":
+        """The difference of two values that are compared: of twice the range of those (`range_bits`)."""
+        difference = self.add(other.negated())
+        difference.doubled = True
+        return difference
+
+    def beside(self, other: "Value") -> "Value":
+        """This value and another of its precision, stacked, to be looked at for their signs."""
+        both = Value(
+            self.context,
+            self.frac_bits,
+            max(self.bound, other.bound),
+            share=jnp.stack([self.share, other.share]),
+        )
+        both.doubled = self.doubled
+        return both
+
+    def summed(self, count: int, total: Move) -> "Value":
+        """Sums of up to `count` entries each, as `total` says of arrays."""
+        x = self
+        if self.waits and self.bound * count > self.most(self.frac_bits):
+            x = self.settled
+        return Value(x.context, x.frac_bits, x.bound * count, share=total(x.share))
 
     # --- non-linear operations ---
 
@@ -151,7 +308,7 @@ class Value:
         """How this value's sign is found; integers keep the whole range."""
         protocol, sign_bit = self.context.protocol, 63
         if protocol.range_bits is not None and self.frac_bits:
-            sign_bit = min(sign_bit, protocol.range_bits + self.frac_bits)
+            sign_bit = min(sign_bit, protocol.range_bits + self.doubled + self.frac_bits)
         layout = "words" if protocol.comparison == "masked-words" else "sliced"
         return compare.Circuit(layout, protocol.adder, sign_bit)
 
@@ -165,8 +322,8 @@ class Value:
             case "resharing":
                 form = compare.resharing(dealer, self.share, self._circuit)
             case "ideal":
-                return self._new(0, ideal.ideal_positive(dealer, self.share))
-        return Value(self.context, 0, form=form)
+                return Value(self.context, 0, 1, share=ideal.ideal_positive(dealer, self.share))
+        return Value(self.context, 0, 1, form=form)
 
     @cached_property
     def relu(self) -> "Value":
@@ -177,11 +334,14 @@ class Value:
         if not by_opening or (shift and protocol.truncation != "probabilistic"):
             return self.positive.times(self)
         output, positive = relus.relu(dealer, self.share, shift, self._circuit)
-        self.positive = Value(self.context, 0, form=positive)
-        result = self._new(self.frac_bits - shift, output)
+        self.positive = Value(self.context, 0, 1, form=positive)
+        result = Value(self.context, self.frac_bits - shift, -(-self.bound >> shift), share=output)
         if shift and self.context.witness:
             self.context.witness.truncated(self, shift, result, clipped=True)
-        return result
+        if self.excess is None:
+            return result
+        above = jnp.where(self.excess >> 63 == 0, self.excess, 0)
+        return result.add(Value(self.context, result.frac_bits, bounds.SIGNED, public=above))
 
     def is_bit(self) -> bool:
         """Whether this is a bit already open under a mask: products with it open nothing more for it."""
@@ -192,7 +352,7 @@ class Value:
         if self.context.protocol.multiplication == "ideal":
             a, b = self.settled, other.settled
             share = ideal.ideal_product(self.context.dealer, a.share, b.share, jnp.multiply)
-            return self._new(a.frac_bits + b.frac_bits, share)
+            return a._product(b, share)
         if self.is_bit() or other.is_bit():
             bit, value = (self, other.settled) if self.is_bit() else (other, self.settled)
             left, right = bit.form, value.form or value.opened
@@ -200,86 +360,60 @@ class Value:
             value, bit = self.settled, other.settled
             left, right = value.opened, bit.opened
         assert left is not None
-        frac_bits = value.frac_bits + bit.frac_bits
         if value is bit:
-            return self._new(frac_bits, multiply.square(self.context.dealer, value.opened))
-        return self._new(frac_bits, multiply.multiply(self.context.dealer, left, right))
+            return value._product(value, multiply.square(self.context.dealer, value.opened))
+        return value._product(bit, multiply.multiply(self.context.dealer, left, right))
 
     def dot_general(self, other: "Value", dimension_numbers: DimensionNumbers) -> "Value":
         """The tensor product, with the fractional bits of both."""
         a, b, dealer = self.settled, other.settled, self.context.dealer
+        count = math.prod(a.shape[axis] for axis in dimension_numbers[0][0])
         if self.context.protocol.multiplication == "ideal":
             product = partial(ring.dot_general, dimension_numbers=dimension_numbers)
             share = ideal.ideal_product(dealer, a.share, b.share, product)
         else:
             share = multiply.dot_general(dealer, a.opened, b.opened, dimension_numbers)
-        return self._new(a.frac_bits + b.frac_bits, share)
+        return a._product(b, share, count)
+
+    def _product(self, other: "Value", share: Array, count: int = 1) -> "Value":
+        """What has the fractional bits of both, and by the contract is no larger than a product may be."""
+        frac_bits = self.frac_bits + other.frac_bits
+        most = bounds.product(self.context.protocol, frac_bits)
+        bound = min(count * self.bound * other.bound, most)
+        return Value(self.context, frac_bits, bound, share=share, fresh=True)
+
+
+def _clipped(x: UInt64[Array, "..."], most: int) -> UInt64[Array, "..."]:
+    """Ring integers within +-most, as signed numbers."""
+    signed = lax.bitcast_convert_type(x, jnp.int64)
+    return lax.bitcast_convert_type(jnp.clip(signed, -most, most), jnp.uint64)
 
 
 def align(*values: Value) -> tuple[Value, ...]:
-    """The values with equal fractional bits: the most that any has, but at most those of a product."""
-    limit = 2 * values[0].context.protocol.frac_bits
-    values = tuple(v if v.frac_bits <= limit else v.settled for v in values)
+    """The values with equal fractional bits: the most that any has, or the protocol's where that is too many
+    for one of them.
+    """
+    protocol = values[0].context.protocol
     frac_bits = max(v.frac_bits for v in values)
+    if frac_bits > protocol.frac_bits:
+        largest = max(v.bound_at(frac_bits) for v in values)
+        if frac_bits > 2 * protocol.frac_bits or largest > values[0].most(frac_bits):
+            values = tuple(v.settled for v in values)
+            frac_bits = max(v.frac_bits for v in values)
     return tuple(v.lifted(frac_bits) for v in values)
 
 
-def dyadic(constant: np.ndarray, bits: int) -> tuple[np.ndarray, int]:
-    """Writes a public constant as m 2^-e: integers m (int64, |m| <= 2^bits) and the smallest such e.
-
-    Exact for integers and powers of two, which then need no truncation after a product; otherwise the error
-    relative to the largest entry is below 2^-bits, unless the constant is below 2^-(62 - 2 bits).
-    """
-    constant = np.asarray(constant, np.float64)
-    if not np.all(np.isfinite(constant)):
-        raise ValueError("cannot multiply a secret by a constant that is not finite (NaN or infinity)")
-    largest = np.max(np.abs(constant), initial=0.0)
-    if largest == 0:
-        return np.zeros(constant.shape, np.int64), 0
-    e = min(bits - int(np.ceil(np.log2(largest))), MAX_FRAC_BITS - bits)
-    m = np.round(constant * 2.0**e).astype(np.int64)
-    while e > -bits and np.any(m) and not np.any(m & 1):
-        m, e = m >> 1, e - 1
-    return np.asarray(m), e
-
-
-def times_constant(x: Value, constant: np.ndarray) -> Value:
-    """A secret times a public constant, with broadcasting. Local; the truncation, if any, is left pending."""
-    m, e = dyadic(constant, x.context.protocol.frac_bits)
-    if m.size and np.all(m == m.flat[0]) and m.flat[0] in (1, -1):
-        x = x._new(x.frac_bits, jnp.broadcast_to(x.share, np.broadcast_shapes(x.shape, m.shape)))
-        return (x if m.flat[0] == 1 else x.negated()).scaled(e)
-    if x.frac_bits + e > 2 * x.context.protocol.frac_bits:
-        x = x.settled
-    return x._new(x.frac_bits, x.share * m.view(np.uint64)).scaled(e)
-
-
-def times_public(x: Value, public: Array) -> Value:
-    """A secret times a public array, with broadcasting. Integers and bools need no truncation."""
-    if not jnp.issubdtype(public.dtype, np.floating):
-        return x._new(x.frac_bits, x.share * ring.encode(public, 0))
-    x = x.settled
-    bits = x.context.protocol.frac_bits
-    return x._new(x.frac_bits + bits, x.share * ring.encode(public, bits))
+def join(move: Callable[..., Array], *values: Value) -> Value:
+    """Entries of several values beside one another, as `move` says of arrays."""
+    values = align(*values)
+    return Value(
+        values[0].context,
+        values[0].frac_bits,
+        max(v.bound for v in values),
+        share=move(*[v.share for v in values]),
+    )
 
 
 def where(condition: Value, on_true: Value, on_false: Value) -> Value:
     """Selection by a secret bit: on_false + condition (on_true - on_false)."""
-    a, b = align(on_true, on_false)
-    return condition.times(a.add(b.negated())).add(b)
-
-
-def dot_public(
-    x: Value, public: Array | np.ndarray, dimension_numbers: DimensionNumbers, *, public_left: bool
-) -> Value:
-    """The tensor product of a secret and a public array. Local; the truncation is left pending."""
-    x = x.settled
-    bits = x.context.protocol.frac_bits
-    if isinstance(public, np.ndarray):
-        m, e = dyadic(public, bits)
-        encoded = jnp.asarray(m.view(np.uint64))
-    else:
-        e = bits if jnp.issubdtype(public.dtype, np.floating) else 0
-        encoded = ring.encode(public, e)
-    left, right = (encoded, x.share) if public_left else (x.share, encoded)
-    return x._new(x.frac_bits, ring.dot_general(left, right, dimension_numbers)).scaled(e)
+    return condition.times(on_true.add(on_false.negated())).add(on_false)
