@@ -90,10 +90,10 @@ FAMILIES = {
     ),
     "Products": (
         Example("mul", "x * y", "1"),
-        Example("mul", "x * w", "1 + abs(x) / 2"),
+        Example("mul", "x * w", "2 + abs(x) / 2**21"),
         Example("mul", "x * 0.3", "1 + 0.3 * abs(x)"),
         Example("mul", "x * 3.0"),
-        Example("div", "x / w", "1 + abs(x) / 2"),
+        Example("div", "x / w", "2 + abs(x) / 2**21"),
         Example("dot_general", "a @ b", "1"),
         Example("dot_general", "a @ jnp.reshape(w, (8, 8))", "1 + abs(a).sum(axis=1, keepdims=True) / 2"),
         Example("integer_pow", "x ** 3", "1 + abs(x)"),
@@ -167,8 +167,8 @@ and unknown until the run, are the vector `w` and the integer `n`.
 
 None of it depends on the number of parties. Operands come fresh and results are truncated to 20 fractional
 bits, so a product pays for the openings of its two factors and for its truncation. Inside a function it is
-often less: a value is opened once for all its products, the bit of a comparison is open already, and a sum of
-products is truncated once, by the operation that needs it or along with a ReLU. `cn.cost` counts your
+often less: a value is opened once for all its products, the bit of a comparison is open already, and a matrix
+product is truncated once an entry, by the operation that needs it or along with a ReLU. `cn.cost` counts your
 function as it stands. Of a `while` that only the run ends, one iteration is counted.
 """
 

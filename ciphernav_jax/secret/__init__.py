@@ -3,7 +3,9 @@
 - `fresh`: whether a random key is given twice, and to what.
 - `array`: `Secret`, `share`, `reveal`.
 - `places`: the line of the user's function that an operation comes from.
+- `bounds`: how large values may be.
 - `value`: a party's share inside a program, with pending truncations and what was computed from it.
+- `scaling`: products with public numbers.
 - `witness`: notes of a program's values and truncations, beside a float64 evaluation.
 - `rules`: one rule for each primitive.
 - `loops`: the rules of scan, while and cond.
