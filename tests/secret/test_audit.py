@@ -36,15 +36,21 @@ def test_failures_are_those_that_the_results_show(truncation, parties):
     assert int(failed) == wrong.sum() > 0
 
 
-@pytest.mark.parametrize(("factor", "fails"), [(2.0**10.9, False), (2.0**11.5, True)])
-def test_a_relu_fails_beyond_the_range_and_not_within(factor, fails):
+@pytest.mark.parametrize(
+    ("function", "factor", "fails"),
+    [
+        (jnp.multiply, 2.0**9.9, False),
+        (jnp.multiply, 2.0**10.5, True),
+        # A ReLU also takes the sum of two products.
+        (lambda x, y: jax.nn.relu(x * y), 2.0**10.9, False),
+    ],
+)
+def test_a_truncation_fails_beyond_the_range_and_not_within(function, factor, fails):
     factors = cn.share(jax.random.key(0), (np.full(64, 2.0**12), np.full(64, factor)), parties=2)
-    # Twice the bound of a product: a ReLU also takes the sum of two.
-    assert (factor * 2**12 > 2 * cn.Protocol().bound) == fails
-    step = cn.audit(cn.secure(lambda x, y: jax.nn.relu(x * y)))
-    _, (carried_out, failed) = step(jax.random.key(1), *factors)
+    result, (carried_out, failed) = cn.audit(cn.secure(function))(jax.random.key(1), *factors)
     assert int(carried_out) == 64
     assert (int(failed) > 0) == fails
+    assert (np.max(np.abs(cn.reveal(result) - factor * 2**12)) > 1e-2) == fails
 
 
 def test_it_counts_in_a_loop_around_the_step():
