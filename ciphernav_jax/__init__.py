@@ -42,6 +42,7 @@ _HOME = {
     "Network": "secret",
     "Protocol": "protocols",
     "Secret": "secret",
+    "ValidationError": "secret",
     "WAN": "secret",
     "audit": "secret",
     "cost": "secret",
@@ -51,6 +52,7 @@ _HOME = {
     "share": "secret",
     "simulate": "secret",
     "transcript": "secret",
+    "validate": "secret",
 }
 _PACKAGES = ("ring", "protocols", "secret", "models", "navigation", "experiments")
 

@@ -15,6 +15,7 @@
 - `cost`: rounds, bytes and correlated randomness of a function, from its trace.
 - `transcript`: every message of a call.
 - `view`: what parties see of a call, messages and all else.
+- `validate`: where a function loses range or resolution, line by line.
 - `audit`: the truncations of a call, and how many fail.
 """
 
@@ -25,6 +26,7 @@ from ciphernav_jax.secret.fresh import KeyReuseWarning
 from ciphernav_jax.secret.secure import deploy, secure
 from ciphernav_jax.secret.simulate import simulate
 from ciphernav_jax.secret.transcript import transcript
+from ciphernav_jax.secret.validate import Report, ValidationError, validate
 from ciphernav_jax.secret.view import View, view
 
 __all__ = [
@@ -33,7 +35,9 @@ __all__ = [
     "Cost",
     "KeyReuseWarning",
     "Network",
+    "Report",
     "Secret",
+    "ValidationError",
     "View",
     "audit",
     "cost",
@@ -43,5 +47,6 @@ __all__ = [
     "share",
     "simulate",
     "transcript",
+    "validate",
     "view",
 ]

@@ -25,8 +25,16 @@ class Place:
     def __str__(self) -> str:
         return f"{self.file}:{self.line} ({self.function})" if self.line else self.function
 
+    @property
+    def short(self) -> str:
+        """Without the folder and the function."""
+        return f"{Path(self.file).name}:{self.line}" if self.line else self.function
 
-def place(eqn: JaxprEqn, outside: Place | None) -> Place | None:
+
+UNKNOWN = Place("", 0, "an unknown line")
+
+
+def place(eqn: JaxprEqn, outside: Place) -> Place:
     """The innermost line of the user's own among those that led to the equation.
 
     The equations of a jitted function know nothing of its callers, so that inside a library's none of the

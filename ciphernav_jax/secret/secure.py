@@ -106,7 +106,7 @@ class Secure:
             if context.witness:
                 for name, x, value in zip(names, leaves, values, strict=True):
                     if isinstance(x, Secret):
-                        context.witness.given(f"argument {name}", value, x.dtype)
+                        context.witness.given(f"args{name}", value, x.dtype)
             results = _evaluate_jaxpr(context, jaxpr.jaxpr, jaxpr.consts, values)
             with jax.named_scope("primitive:output"):
                 results = [_finish(x, out.dtype) for x, out in zip(results, outputs, strict=True)]

@@ -27,7 +27,7 @@ from ciphernav_jax.protocols.masked import Masked
 from ciphernav_jax.protocols.party import from_party_zero
 from ciphernav_jax.ring.linear import DimensionNumbers
 from ciphernav_jax.secret import bounds
-from ciphernav_jax.secret.places import Place
+from ciphernav_jax.secret.places import UNKNOWN, Place
 
 if TYPE_CHECKING:
     from ciphernav_jax.secret.witness import Notes, Row, Witness
@@ -47,7 +47,7 @@ class Context:
     protocol: Protocol
     dealer: Dealer
     witness: "Witness | None" = None
-    place: Place | None = None
+    place: Place = UNKNOWN
 
     def notes(self) -> "Notes | None":
         """What the witness of this part of the program has noted."""

@@ -23,7 +23,7 @@ from ciphernav_jax import jax_private
 from ciphernav_jax.jax_private import JaxprEqn
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.party import AXIS, ideal_sum
-from ciphernav_jax.secret.places import Place
+from ciphernav_jax.secret.places import UNKNOWN, Place
 from ciphernav_jax.secret.value import Value
 
 # A truncation takes ring elements below this magnitude, in bits.
@@ -52,7 +52,7 @@ class Site:
     """An equation of the user's function: the primitive, and the line that it comes from."""
 
     primitive: str
-    place: Place | None
+    place: Place
 
 
 @jax.tree_util.register_dataclass
@@ -132,7 +132,7 @@ class Witness:
         self.protocol = protocol
         self.beside = beside
         self._noted: list[Row | Notes] = []
-        self._row = Row(Site("", None))
+        self._row = Row(Site("", UNKNOWN))
 
     def inside(self) -> "Witness":
         """The witness of another trace, or of a part."""
@@ -140,7 +140,7 @@ class Witness:
 
     # --- what it is told ---
 
-    def at(self, primitive: str, place: Place | None) -> None:
+    def at(self, primitive: str, place: Place) -> None:
         """An equation is about to be evaluated."""
         self._row = Row(Site(primitive, place))
         self._noted.append(self._row)
@@ -169,7 +169,8 @@ class Witness:
             references = _apply(eqn, self._references(eqn, operands))
             for value, reference, dtype in zip(results, references, _dtypes(eqn.outvars), strict=True):
                 if isinstance(value, Value):
-                    self._note(value, reference, dtype, RANGE_BITS)
+                    # A sum of two products may be larger: it is truncated in parts.
+                    self._note(value, reference, dtype, RANGE_BITS + (not value.truncatable))
                     self._check(eqn, operands, value)
                     value.reference = reference if value.reference is None else value.reference
 
@@ -180,15 +181,15 @@ class Witness:
         """
         row = value.row or self._row
         with jax.named_scope("witness"):
-            exact = _word(value) >> shift
+            before = _word(value)
             if clipped:
-                exact = jnp.maximum(exact, 0)
+                before = jnp.maximum(before, 0)
+            exact = before >> shift
             far = jnp.abs(_word(after) - exact) > lax.axis_size(AXIS)
             row.add("truncations", far.size)
             row.add("failed", jnp.sum(far, dtype=jnp.int64))
-            if value.reference is not None:
-                reference = _float(value.reference)
-                self._note_resolution(row, jnp.maximum(reference, 0) if clipped else reference)
+            if value.waits and value.reference is not None:
+                self._note_faint(row, _float(value.reference), before != 0)
 
     def include(self, notes: Notes) -> None:
         """A part has been evaluated, with these notes."""
@@ -202,7 +203,7 @@ class Witness:
             if self.beside or isinstance(part, Notes) or part.numbers
         ]
         # An equation without a name: notes are never empty.
-        parts = parts or [Row(Site("", None)).notes(self.beside)]
+        parts = parts or [Row(Site("", UNKNOWN)).notes(self.beside)]
         joined = jax.tree.map(lambda *x: jnp.concatenate(x), *[(part.largest, part.total) for part in parts])
         return Notes(tuple(site for part in parts for site in part.sites), *joined)
 
@@ -245,16 +246,19 @@ class Witness:
         known = jnp.isfinite(reference)
         row.add("not_numbers", _count(jnp.isnan(reference)))
         largest = jnp.maximum(jnp.abs(found), jnp.abs(reference)) * 2.0 ** (value.frac_bits - range_bits)
-        row.enlarge("magnitude", _largest(largest, known))
+        # What stands apart as an excess is in nobody's way.
+        row.enlarge(
+            "magnitude", _largest(largest, known if value.excess is None else known & (value.excess == 0))
+        )
         row.enlarge("error", _largest(jnp.abs(found - reference) * 2.0**self.protocol.frac_bits, known))
-        if value.frac_bits <= self.protocol.frac_bits:
-            self._note_resolution(row, reference)  # otherwise where it is truncated
+        row.add("signal", jnp.sum(jnp.abs(reference), where=known))
+        # With more fractional bits than at rest it has more resolution, until it is truncated.
+        self._note_faint(row, reference, known & ((found == 0) | (not value.waits)))
 
-    def _note_resolution(self, row: Row, reference: Array) -> None:
-        size = jnp.where(jnp.isfinite(reference), jnp.abs(reference), 0)
-        faint = (size > 0) & (size < 2.0**-self.protocol.frac_bits)
+    def _note_faint(self, row: Row, reference: Array, where: Array) -> None:
+        size = jnp.abs(reference)
+        faint = where & (size > 0) & (size < 2.0**-self.protocol.frac_bits)
         row.add("faint", _count(faint))
-        row.add("signal", jnp.sum(size))
         row.add("faint_signal", jnp.sum(size, where=faint))
 
     def _check(self, eqn: JaxprEqn, operands: Sequence[Any], result: Value) -> None:
@@ -297,9 +301,13 @@ def _word(x: Value) -> Array:
 
 def _decoded(x: Value, dtype: np.dtype) -> Array:
     """The secret itself: of a float a float64."""
-    if _is_float(dtype):
-        return _float(_word(x)) * 2.0**-x.frac_bits
-    return _word(x).astype(dtype)
+    if not _is_float(dtype):
+        return _word(x).astype(dtype)
+    found = _float(_word(x)) * 2.0**-x.frac_bits
+    if x.excess is None:
+        return found
+    excess = lax.bitcast_convert_type(x.excess, jnp.int64)
+    return found + _float(excess) * 2.0**-x.context.protocol.frac_bits
 
 
 def _count(x: Array) -> Array:
