@@ -4,6 +4,7 @@ The packages in import order; each imports only from those above it.
 
 - `files`: files that are whole or absent, and are what was written.
 - `lifeline`: child processes that end with their parent.
+- `command_line`: ranges of options, and how a command ends.
 - `ring`: arithmetic of the integers modulo 2^64: fixed point, products, bits, randomness.
 - `protocols`: what parties do with shares: open, multiply, truncate, compare; the dealer.
 - `secret`: from functions on floats to functions on secrets.

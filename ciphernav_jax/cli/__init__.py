@@ -1,7 +1,6 @@
 """The command line: `ciphernav generate | train | evaluate | demo | bench | sweep | report`.
 
 - `options`: what each command can be told.
-- `endings`: how a command ends: exit codes, and one line that says why.
 - `commands`: train and evaluate.
 - `demo`: the whole job, small.
 
@@ -13,7 +12,7 @@ render never load JAX.
 
 import tyro
 
-from ciphernav_jax.cli import endings, options
+from ciphernav_jax import command_line
 from ciphernav_jax.cli.options import Bench, Demo, Evaluate, Report, Sweep, Train
 from ciphernav_jax.world.generate import Generate
 
@@ -33,8 +32,8 @@ def main() -> None:
         prog="ciphernav",
         description="A robot that navigates by other parties' cameras while nobody sees anybody's images.",
     )
-    with endings.one_line():
-        options.check(command)
+    with command_line.one_line():
+        command_line.check(command)
         _run(command)
 
 

@@ -3,9 +3,11 @@
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
+from typing import Annotated, Literal, get_args
 
 import tyro
+
+from ciphernav_jax.command_line import COUNT, PARTIES, SECONDS, SEED, WORKERS, Within
 
 Method = Literal[
     "map-only", "first-person", "first-person-deterministic", "plaintext", "plaintext-classifier", "secret"
@@ -33,38 +35,10 @@ VARIANTS = (
 )
 
 
-class Within(NamedTuple):
-    """The range of an option's number, or of each of its numbers."""
-
-    least: int
-    most: int
-
-
-SEED = Within(0, 2**63 - 1)
-PARTIES = Within(2, 1024)
-COUNT = Within(1, 10**9)
 EPOCHS = Within(1, 10_000)
-SECONDS = Within(0, 10**9)
 
 PartiesList = Annotated[list[int], PARTIES, tyro.conf.arg(metavar="P [P ...]")]
 VariantList = Annotated[list[str], tyro.conf.arg(metavar="VARIANT [VARIANT ...]")]
-
-
-def check(command: Any) -> None:
-    """Refuse options out of range, and those of several values without any.
-
-    Raises:
-        ValueError: the message names the option.
-    """
-    for name, hint in get_type_hints(type(command), include_extras=True).items():
-        value, option = getattr(command, name), f"--{name.replace('_', '-')}"
-        if value == []:
-            raise ValueError(f"{option} needs at least one value")
-        numbers = value if isinstance(value, list) else [] if value is None else [value]
-        for least, most in (said for said in getattr(hint, "__metadata__", ()) if isinstance(said, Within)):
-            for number in numbers:
-                if not least <= number <= most:
-                    raise ValueError(f"{option} must lie in {least}..{most}, not at {number}")
 
 
 @dataclass
@@ -164,7 +138,7 @@ class Demo:
     """Steps of the secret trainings."""
     parties: PartiesList = field(default_factory=lambda: [2, 5])
     """Numbers of parties to train with in secret."""
-    workers: Annotated[int, Within(1, 1024)] = os.cpu_count() or 1
+    workers: Annotated[int, WORKERS] = os.cpu_count() or 1
     """Rendering processes."""
 
 

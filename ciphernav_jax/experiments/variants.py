@@ -1,6 +1,7 @@
 """Protocol variants as words of a command line."""
 
 from dataclasses import fields
+from typing import Any
 
 from ciphernav_jax.protocols import Protocol
 
@@ -15,7 +16,7 @@ def parse(text: str) -> Protocol:
     if text == "default":
         return Protocol()
     known = [field.name for field in fields(Protocol)]
-    chosen = {}
+    chosen: dict[str, Any] = {}
     for word in text.split(","):
         name, equals, value = (part.strip() for part in word.partition("="))
         if not equals or name not in known or name in chosen:
@@ -25,7 +26,9 @@ def parse(text: str) -> Protocol:
             )
         chosen[name] = value
     try:
-        return Protocol(**{n: _number(n, v) if n.endswith("_bits") else v for n, v in chosen.items()})
+        for name in chosen.keys() & {"frac_bits", "range_bits"}:
+            chosen[name] = _number(name, chosen[name])
+        return Protocol(**chosen)
     except ValueError as error:
         raise ValueError(f"no variant {text!r}: {error}") from None
 

@@ -24,6 +24,7 @@ from rich.progress import (
 from rich.text import Text
 
 from ciphernav_jax import files
+from ciphernav_jax.command_line import SEED, WORKERS
 from ciphernav_jax.files import DamagedError
 from ciphernav_jax.world.grid import CELLS, HEADINGS, MAX_ACTIONS, WALLS
 from ciphernav_jax.world.journal import Journal, partial_folder
@@ -53,8 +54,8 @@ _ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
 }
 
 
-# Views are numbered by int32, at most 104 of an environment's own.
-_MOST = (2**31 - 1) // POSES
+MOST = (2**31 - 1) // POSES
+"""Environments: views are numbered by int32, at most 104 of an environment's own."""
 # Of an environment on disk, at the least: its views that are no other's, and the record of it.
 _BYTES = 60_000
 
@@ -187,9 +188,9 @@ def generate(
     if split not in SPLITS:
         raise ValueError(f"split={split!r} is not one of {SPLITS}.")
     for name, value, (least, most) in (
-        ("count", count, (1, _MOST)),
-        ("seed", seed, (0, 2**63 - 1)),
-        ("workers", workers, (1, 1024)),
+        ("count", count, (1, MOST)),
+        ("seed", seed, SEED),
+        ("workers", workers, WORKERS),
     ):
         if not least <= value <= most:
             raise ValueError(f"{name}={value} must lie in {least}..{most}.")

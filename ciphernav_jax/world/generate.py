@@ -3,8 +3,9 @@
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
+from ciphernav_jax.command_line import SEED, WORKERS, Within
 from ciphernav_jax.world import dataset
 
 
@@ -22,11 +23,11 @@ class Generate:
     """The folder to write; `<out>.partial` is used until it is complete."""
     split: Literal["train", "test", "validation"] = "train"
     """Which of the independent draws."""
-    count: int = 15_000
+    count: Annotated[int, Within(1, dataset.MOST)] = 15_000
     """How many environments; half of them need a detour."""
-    seed: int = 0
+    seed: Annotated[int, SEED] = 0
     """Decides every environment of a split."""
-    workers: int = os.cpu_count() or 1
+    workers: Annotated[int, WORKERS] = os.cpu_count() or 1
     """How many rendering processes; the bytes do not depend on it."""
     unseen_by: Path | None = None
     """A data set (the training set, say) with which the new one is to share no pair of layout and

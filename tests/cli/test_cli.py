@@ -70,9 +70,9 @@ def test_errors_are_one_line_with_the_way_out(monkeypatch, capsys, tmp_path, wor
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["generate", "--count", str(10**12)], "count=1000000000000 must lie in"),
+        (["generate", "--count", str(10**12)], "--count must lie in"),
         (["generate", "--count", str(2 * 10**7)], "20,000,000 environments need at least"),
-        (["generate", "--seed", "-1"], "seed=-1 must lie in"),
+        (["generate", "--seed", "-1"], "--seed must lie in"),
         (["bench", "--work"], "--work needs at least one value"),
         (["bench", "--parties"], "--parties needs at least one value"),
         (["bench", "--peers", "--time-limit", "nan"], "--time-limit must lie in"),

@@ -16,6 +16,7 @@ the squared loss, on features that each owner standardised, 3,180 steps of 500 s
 `plaintext-actions-alone` learns from the paper's paths and actions alone.
 """
 
+from ciphernav_jax.command_line import one_line
 from ciphernav_jax.experiments.paper.runs import Row, RowOptions, script
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.plain import EndToEnd
@@ -38,4 +39,5 @@ ROWS = (
 ONE_SEED = ("secret-3", "secret-9", "secret-16")  # to be asked for
 
 if __name__ == "__main__":
-    script(__doc__, ROWS, RowOptions(rows=[row.name for row in ROWS if row.name not in ONE_SEED]))
+    with one_line():
+        script(__doc__, ROWS, RowOptions(rows=[row.name for row in ROWS if row.name not in ONE_SEED]))

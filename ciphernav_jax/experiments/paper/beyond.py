@@ -13,6 +13,7 @@ worth without the parties: nobody answers, and the robot finds its way with map,
 chosen on validation sets.
 """
 
+from ciphernav_jax.command_line import one_line
 from ciphernav_jax.experiments.paper import accuracy
 from ciphernav_jax.experiments.paper.runs import Row, RowOptions, script
 from ciphernav_jax.navigation.classifier import FreshClassifier
@@ -30,4 +31,5 @@ ROWS = (
 )
 
 if __name__ == "__main__":
-    script(__doc__, ROWS, RowOptions(rows=[row.name for row in ROWS]), accuracy.ROWS)
+    with one_line():
+        script(__doc__, ROWS, RowOptions(rows=[row.name for row in ROWS]), accuracy.ROWS)

@@ -19,8 +19,8 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-import tyro
 
+from ciphernav_jax.command_line import one_line, read
 from ciphernav_jax.experiments.paper.runs import Options, console, world
 from ciphernav_jax.files import write_json
 from ciphernav_jax.navigation import record
@@ -129,7 +129,7 @@ KNOWN: dict[str, Callable[[Case], Any]] = {
 
 def main() -> None:
     """Compute all bounds, print and write them."""
-    args = tyro.cli(Options, description=__doc__)
+    args = read(Options(), __doc__)
     began = time.perf_counter()
     drawn = {"test": cases(), "unseen": cases(world("train", args.out).pairs())}
     results = {
@@ -152,4 +152,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with one_line():
+        main()

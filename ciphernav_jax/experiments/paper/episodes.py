@@ -20,6 +20,7 @@ import tyro
 from numpy.typing import NDArray
 from PIL import Image
 
+from ciphernav_jax.command_line import SEED, one_line, read
 from ciphernav_jax.experiments.paper.runs import Options, console, world
 from ciphernav_jax.files import write_json
 from ciphernav_jax.navigation import features, pictures, record, trained
@@ -39,7 +40,7 @@ SUCCESSES, FAILURES, INEFFICIENT = 5, 2, 4
 class Pictures(Options):
     """Choose episodes of a trained robot, and write what draws them."""
 
-    seeds: Annotated[list[int], tyro.conf.arg(metavar="S [S ...]")] = field(default_factory=lambda: [0])
+    seeds: Annotated[list[int], SEED, tyro.conf.arg(metavar="S [S ...]")] = field(default_factory=lambda: [0])
     """Of the trainings, and of the shares."""
     driver: str = "fewest-5"
     """The row that drives, trained before. The trainings of `accuracy` leave hardly a failure to show."""
@@ -148,10 +149,11 @@ def run(seed: int, options: Pictures) -> None:
 
 def main() -> None:
     """Every seed asked for."""
-    options = tyro.cli(Pictures, description=__doc__)
+    options = read(Pictures(), __doc__)
     for seed in options.seeds:
         run(seed, options)
 
 
 if __name__ == "__main__":
-    main()
+    with one_line():
+        main()

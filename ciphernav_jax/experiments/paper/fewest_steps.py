@@ -8,6 +8,7 @@ samples. Chosen on the validation set, with earlier encoders.
 The encoders are those of the row `plaintext`, trained before.
 """
 
+from ciphernav_jax.command_line import one_line
 from ciphernav_jax.experiments.paper.accuracy import PLAINTEXT
 from ciphernav_jax.experiments.paper.runs import Row, RowOptions, script
 from ciphernav_jax.navigation.classifier import FreshClassifier
@@ -17,4 +18,5 @@ FEWEST = FreshClassifier(steps=200, learning_rate=1.2, chunk=50)
 ROWS = tuple(Row(f"fewest-{parties}", "secret", FEWEST, parties) for parties in (2, 5))
 
 if __name__ == "__main__":
-    script(__doc__, ROWS, RowOptions(rows=[row.name for row in ROWS]), [PLAINTEXT])
+    with one_line():
+        script(__doc__, ROWS, RowOptions(rows=[row.name for row in ROWS]), [PLAINTEXT])

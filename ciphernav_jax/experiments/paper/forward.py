@@ -11,8 +11,8 @@ secret. The device is JAX's default one. One file, RESULTS/forward-DEVICE.json.
 from typing import Any
 
 import jax
-import tyro
 
+from ciphernav_jax.command_line import one_line, read
 from ciphernav_jax.experiments.measure import calls, compiled, summary
 from ciphernav_jax.experiments.paper.runs import Options, console
 from ciphernav_jax.experiments.work import Sizes, Work, works
@@ -49,7 +49,7 @@ def measured(work: Work, parties: int | None) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, print and write."""
-    args = tyro.cli(Options, description=__doc__)
+    args = read(Options(), __doc__)
     known = works()
     lines = [measured(known["forward"], None)]
     lines += [measured(known[name], parties) for name in ("forward-public", "forward") for parties in PARTIES]
@@ -67,4 +67,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with one_line():
+        main()

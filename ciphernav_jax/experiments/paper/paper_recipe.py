@@ -10,6 +10,7 @@ Both readings run whole in plaintext, and the first, its 600 epochs, under secre
 The encoders are those of the row `plaintext`.
 """
 
+from ciphernav_jax.command_line import one_line
 from ciphernav_jax.experiments.paper.accuracy import PLAINTEXT
 from ciphernav_jax.experiments.paper.runs import Row, RowOptions, script
 from ciphernav_jax.navigation.classifier import FreshClassifier
@@ -34,4 +35,5 @@ ROWS = (
 )
 
 if __name__ == "__main__":
-    script(__doc__, ROWS, RowOptions(rows=[row.name for row in ROWS], seeds=[0]), [PLAINTEXT])
+    with one_line():
+        script(__doc__, ROWS, RowOptions(rows=[row.name for row in ROWS], seeds=[0]), [PLAINTEXT])

@@ -35,9 +35,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
+from ciphernav_jax.command_line import one_line, read
 from ciphernav_jax.experiments.paper import attack
 from ciphernav_jax.experiments.paper.accuracy import ROWS
 from ciphernav_jax.experiments.paper.attack import ATTACKERS, Attacker, Floats
@@ -357,7 +357,7 @@ def query(seed: int, options: Queries) -> tuple[dict[str, Any], dict[str, float]
 
 def main() -> None:
     """Ask and attack with every seed."""
-    args = tyro.cli(Queries, description=__doc__)
+    args = read(Queries(), __doc__)
     for seed in args.seeds:
         configuration = {"row": args.row, "train": TRAIN, "test": 2 * TEST, "checked": CHECKED}
         attack.recorded(
@@ -369,4 +369,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with one_line():
+        main()

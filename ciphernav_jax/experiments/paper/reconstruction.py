@@ -44,10 +44,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jax import Array
 from numpy.typing import NDArray
 
+from ciphernav_jax.command_line import one_line, read
 from ciphernav_jax.experiments.paper import attack
 from ciphernav_jax.experiments.paper.accuracy import FRESH, ROWS
 from ciphernav_jax.experiments.paper.attack import ATTACKERS, Floats, Words
@@ -342,7 +342,7 @@ def reconstruct(seed: int, options: Options) -> tuple[dict[str, Any], dict[str, 
 
 def main() -> None:
     """Attack with every seed."""
-    args = tyro.cli(Options, description=__doc__)
+    args = read(Options(), __doc__)
     configuration = {"train": TRAIN, "test": TEST, "step": STEP_TRAIN, "batch of a step": BATCH, "some": SOME}
     for seed in args.seeds:
         attack.recorded(
@@ -354,4 +354,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with one_line():
+        main()

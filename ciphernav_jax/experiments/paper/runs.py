@@ -23,6 +23,7 @@ import tyro
 from numpy.typing import NDArray
 from rich.console import Console
 
+from ciphernav_jax.command_line import SEED, read
 from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.models.classifier import ACTIONS
 from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
@@ -74,7 +75,9 @@ class Row:
 class Options:
     """What every script can be told."""
 
-    seeds: Annotated[list[int], tyro.conf.arg(metavar="S [S ...]")] = field(default_factory=lambda: [0, 1, 2])
+    seeds: Annotated[list[int], SEED, tyro.conf.arg(metavar="S [S ...]")] = field(
+        default_factory=lambda: [0, 1, 2]
+    )
     """One run each; everything random in it comes from its seed, but for the data sets."""
     out: Path = Path("out/paper")
     """Folder for the data sets and the training folders; several GB."""
@@ -115,7 +118,7 @@ def script(doc: str | None, rows: Sequence[Row], default: RowOptions, teachers: 
     Raises:
         ValueError: a row that is not there.
     """
-    args = tyro.cli(RowOptions, description=doc, default=default)
+    args = read(default, doc)
     known = {row.name: row for row in rows}
     if unknown := [name for name in args.rows if name not in known]:
         raise ValueError(f"no row {', '.join(unknown)}; the rows are {', '.join(known)}")
