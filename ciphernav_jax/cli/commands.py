@@ -1,5 +1,6 @@
 """What `ciphernav train` and `ciphernav evaluate` do."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.parties import statement
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.progress import bar
-from ciphernav_jax.navigation.rollout import random_walk
+from ciphernav_jax.navigation.rollout import Episodes, random_walk
 from ciphernav_jax.navigation.trained import Trained
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.world import dataset
@@ -55,28 +56,32 @@ def evaluate(args: Evaluate) -> None:
         ValueError: the training folder is unfinished, damaged or foreign; or the data set is.
         FileNotFoundError: no data set.
     """
-    random = str(args.model) == "random"
-    if random and (args.parties or args.variant != "default"):
-        raise ValueError("--parties and --variant are for trained models; a random walk has no secrets")
-    protocol = _protocol(args.variant)
     data = dataset.load(args.data)
-    out = args.out or (Path("out/random") if random else args.model / "evaluation")
-    if random:
-        name, episodes = "random", random_walk(data, args.seed)
-    else:
-        config, model = trained.load(args.model)
-        name = trained.row(config, args.parties)
-        if parties := config["parties"] or args.parties:
-            console.print(statement(parties, public_weights=not config["parties"]), highlight=False)
-        with files.claimed(out), console.status(f"{len(data)} robots drive"):
-            episodes = trained.drive(data, config, model, args.seed, args.parties, protocol=protocol)
-    counts = metrics.tally(data, episodes)
-    described = {key: data.meta.get(key) for key in ("split", "count", "seed", "unseen_by")}
-    document = {"method": name, "seed": args.seed, "data": described, "counts": counts}
+    name, drive = _driver(args, data)
+    out = args.out or (Path("out/random") if name == "random" else args.model / "evaluation")
     with files.claimed(out):
+        with console.status(f"{len(data)} robots drive"):
+            counts = metrics.tally(data, drive())
+        described = {key: data.meta.get(key) for key in ("split", "count", "seed", "unseen_by")}
+        document = {"method": name, "seed": args.seed, "data": described, "counts": counts}
         files.write_json(out / "metrics.json", document)
     console.print(metrics.table({name: counts}, str(args.data)))
     console.print(f"Written: {out / 'metrics.json'}")
+
+
+def _driver(args: Evaluate, data: dataset.Dataset) -> tuple[str, Callable[[], Episodes]]:
+    """The name of the row, and what drives."""
+    if str(args.model) == "random":
+        if args.parties or args.variant != "default":
+            raise ValueError("--parties and --variant are for trained models; a random walk has no secrets")
+        return "random", lambda: random_walk(data, args.seed)
+    protocol = _protocol(args.variant)
+    config, model = trained.load(args.model)
+    if parties := config["parties"] or args.parties:
+        console.print(statement(parties, public_weights=not config["parties"]), highlight=False)
+    return trained.row(config, args.parties), lambda: trained.drive(
+        data, config, model, args.seed, args.parties, protocol=protocol
+    )
 
 
 def _encoders(args: Train, data: dataset.Dataset) -> Trained:

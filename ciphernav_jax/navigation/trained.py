@@ -100,7 +100,7 @@ def train_classifier(
         protocol: the variants; None for the default. It decides how robots drive, too.
 
     Raises:
-        ValueError: fewer than two parties.
+        ValueError: fewer than two parties, or a batch of more samples than there are.
         DamagedError: the folder holds another training, or a damaged one.
         BusyError: another process trains in the folder.
     """
@@ -110,10 +110,15 @@ def train_classifier(
     config = _config(name, parties, seed, recipe, dataset) | {"encoders": _fingerprint(teacher.encoders)}
     if parties is not None:
         config["protocol"] = asdict(protocol or Protocol())
+    samples = training_samples(dataset, sees(config), seed, recipe.errands, recipe.stray)
+    if recipe.batch > len(samples):
+        raise ValueError(
+            f"a batch of {recipe.batch:,} is more than the {len(samples):,} samples that the data set gives; "
+            "choose a smaller --batch, or a larger data set"
+        )
     with files.claimed(folder):
         if _begin(folder, config):
             return load(folder)[1]
-        samples = training_samples(dataset, sees(config), seed, recipe.errands, recipe.stray)
         seen = encode(dataset, sees(config), teacher)
         scales = features.fit_scales(seen, samples) if recipe.standardised else features.unscaled()
         weights, curve = classifier.train(

@@ -8,6 +8,7 @@ import pytest
 
 from ciphernav_jax import cli
 from ciphernav_jax.files import DamagedError
+from ciphernav_jax.world import dataset
 
 
 def run(monkeypatch, *words):
@@ -52,8 +53,6 @@ def test_help_imports_no_jax():
         (["train", "--method", "secret", "--variant", "frac_bits=None"], "frac_bits is a number of bits"),
         (["train", "--method", "secret", "--variant", "frac_bits=31"], "no variant 'frac_bits=31'"),
         (["train", "--method", "secret", "--encoders", "x", "--epochs", "2"], "--encoders keeps others"),
-        (["evaluate", "--model", "random", "--parties", "2"], "a random walk has no secrets"),
-        (["evaluate", "--model", "random", "--variant", "opened=logits"], "a random walk has no secrets"),
         (["train", "--method", "map-only"], "ciphernav generate"),
         (["evaluate", "--model", "nowhere"], "ciphernav generate"),
     ],
@@ -65,6 +64,13 @@ def test_errors_are_one_line_with_the_way_out(monkeypatch, capsys, tmp_path, wor
     assert error.startswith("ciphernav: ")
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("words", [["--parties", "2"], ["--variant", "opened=logits"]])
+def test_a_random_walk_refuses_what_it_would_ignore(monkeypatch, capsys, tmp_path, words):
+    monkeypatch.setattr(dataset, "load", lambda folder: None)
+    assert run(monkeypatch, "evaluate", "--model", "random", "--data", tmp_path, *words) == 1
+    assert "a random walk has no secrets" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

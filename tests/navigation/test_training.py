@@ -169,6 +169,13 @@ def test_two_trainings_in_one_folder_are_refused(world, tmp_path):
         trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, silent)
 
 
+def test_a_batch_of_more_than_all_samples_is_refused(world, teacher, tmp_path):
+    large = FreshClassifier(steps=2, batch=10**9)
+    with pytest.raises(ValueError, match=r"a batch of 1,000,000,000 is more than the \d+ samples"):
+        trained.train_classifier(world, teacher, large, 0, tmp_path / "none", silent)
+    assert not (tmp_path / "none").exists()
+
+
 def test_a_folder_that_is_no_training_is_refused(tmp_path):
     with pytest.raises(DamagedError, match=r"config\.json is missing"):
         trained.load(tmp_path)
