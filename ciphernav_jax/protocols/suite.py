@@ -9,7 +9,7 @@ Multiplication = Literal["beaver", "ideal"]
 Truncation = Literal["probabilistic", "local", "wrap-count", "nearest", "floor", "ideal"]
 Comparison = Literal["masked", "masked-words", "resharing", "ideal"]
 Adder = Literal["carry-tree", "kogge-stone", "brent-kung", "ripple"]
-Argmax = Literal["pairwise", "tree"]
+Argmax = Literal["auto", "pairwise", "tree"]
 Opened = Literal["argmax", "logits"]
 
 
@@ -37,9 +37,10 @@ class Protocol:
         range_bits: k where all values whose sign is taken, or that are compared with one another, are known
             to lie within +-2^k; then the circuit looks at the bits below alone, and at one more for a
             difference of two that are compared. A value beyond gets a wrong sign. None for the whole range.
-        argmax: "pairwise" (all pairs at once, two comparisons deep) or "tree" (n - 1 comparisons, log2 n
-        deep). opened: what a classifier shows of its result: the "argmax" alone, or the "logits" as the paper
-        does. generator: where uniform words come from: "threefry" or "chacha20". See `ring.random`.
+        argmax: "pairwise" (all pairs at once, two comparisons deep), "tree" (n - 1 comparisons, log2 n deep),
+            or "auto": all pairs for up to 25 entries, otherwise the tree.
+        opened: what a classifier shows of its result: the "argmax" alone, or the "logits" as the paper does.
+        generator: where uniform words come from: "threefry" or "chacha20". See `ring.random`.
 
     The *ideal* variants reconstruct, compute, and share afresh, as a trusted third party would: the result
     has the distribution that the real protocol gives, at a fraction of the cost. They are for sweeps, they
@@ -52,7 +53,7 @@ class Protocol:
     comparison: Comparison = "masked"
     adder: Adder = "carry-tree"
     range_bits: int | None = None
-    argmax: Argmax = "pairwise"
+    argmax: Argmax = "auto"
     opened: Opened = "argmax"
     generator: Generator = "threefry"
 

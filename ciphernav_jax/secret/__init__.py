@@ -9,6 +9,7 @@
 - `witness`: notes of a program's values and truncations, beside a float64 evaluation.
 - `rules`: one rule for each primitive.
 - `loops`: the rules of scan, while and cond.
+- `tournaments`: the rules of the largest and the smallest entry.
 - `programs`: what is compiled, let go before memory maps run out.
 - `secure`: the jaxpr evaluator; `secure` and `deploy`.
 - `simulate`: floats to floats through the protocol, differentiable.

@@ -358,6 +358,27 @@ def _iterations(
     return int(count)
 
 
+def repeated(
+    context: Context, body: Callable[[Context, list[Value]], list[Value]], values: list[Value], times: int
+) -> list[Value]:
+    """`body` applied `times` times over, in one loop; it keeps shapes, precisions and bounds, and truncates
+    nothing.
+    """
+    precisions = _precisions(values)
+
+    def part(dealer: Dealer, arrays: list[Any]) -> tuple[list[Operand], None]:
+        inner = replace(context, dealer=dealer, witness=None)
+        return body(inner, _operands(inner, arrays, precisions)), None  # pyright: ignore
+
+    plan = _trace(part, _arrays(values)).plan
+
+    def once(arrays: list[Any], shares: Any) -> tuple[list[Any], None]:
+        return _arrays(part(Supply(plan, shares), arrays)[0]), None
+
+    arrays, _ = lax.scan(once, _arrays(values), take_repeated(context.dealer, plan, times), length=times)
+    return _operands(context, arrays, precisions)  # pyright: ignore[reportReturnType]
+
+
 # --- branches -----------------------------------------------------------------------------------------
 
 

@@ -333,14 +333,15 @@ def _bit(x: Value) -> Value:
     return Value(x.context, 0, 1, share=x.share)
 
 
-def _not(context: Context, x: Value) -> Value:
+@rule("not")
+def logical_not(context: Context, x: Value) -> Value:
     return _bit(_sub(context, np.array(1), x))
 
 
 @rule("eq")
 def _equal(context: Context, x: Operand, y: Operand) -> Operand:
     different = _ne(context, x, y)
-    return _not(context, different) if isinstance(different, Value) else ~different
+    return logical_not(context, different) if isinstance(different, Value) else ~different
 
 
 @rule("ne")
@@ -365,8 +366,8 @@ def _sign(context: Context, x: Value) -> Value:
 
 RULES["gt"] = _greater
 RULES["lt"] = lambda context, x, y: _greater(context, y, x)
-RULES["le"] = lambda context, x, y: _not(context, _greater(context, x, y))
-RULES["ge"] = lambda context, x, y: _not(context, _greater(context, y, x))
+RULES["le"] = lambda context, x, y: logical_not(context, _greater(context, x, y))
+RULES["ge"] = lambda context, x, y: logical_not(context, _greater(context, y, x))
 
 
 # --- selection --------------------------------------------------------------------------------------
@@ -397,26 +398,6 @@ def _clamp(context: Context, low: Operand, x: Operand, high: Operand) -> Value:
     if not isinstance(x, Value):
         raise Unsupported("a bound is secret and the value public; write jnp.minimum and jnp.maximum")
     return _min(context, _max(context, x, low), high)
-
-
-def _reduce_with(of_two: Callable[[Context, Value, Value], Value]) -> Rule:
-    """A reduction by a tournament: halves against each other, log2 n comparisons deep, n - 1 in all."""
-
-    def reduce(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Value:
-        x = x.settled
-        share = jnp.moveaxis(x.share, axes, range(len(axes)))
-        left = share.reshape(-1, *share.shape[len(axes) :])
-        while len(left) > 1:
-            half = len(left) // 2
-            winners = of_two(context, x.like(left[:half]), x.like(left[half : 2 * half]))
-            left = jnp.concatenate([winners.share, left[2 * half :]])
-        return x.like(left[0])
-
-    return reduce
-
-
-RULES["reduce_max"] = _reduce_with(_max)
-RULES["reduce_min"] = _reduce_with(_min)
 
 
 @rule("abs")
@@ -465,67 +446,7 @@ def _select(context: Context, which: Operand, *cases: Operand) -> Operand:
     return where(which, to_value(context, on_true), to_value(context, on_false))
 
 
-@rule("argmax")
-def _argmax(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Value:
-    """The index of the largest entry, the first of equals, without opening anything but masked words."""
-    (axis,) = axes
-    entries = x.moved(lambda share: jnp.moveaxis(share, axis, -1))
-    n = entries.shape[-1]
-    if n == 1:
-        return from_public(context, np.zeros(entries.shape[:-1], np.int64))
-    return (_tournament if context.protocol.argmax == "tree" else _pairwise)(context, entries)
-
-
-def _pairwise(context: Context, x: Value) -> Value:
-    """Every pair is compared at once; who wins n - 1 times is the largest: two comparisons deep."""
-    n = x.shape[-1]
-    low, high = np.triu_indices(n, 1)
-    earlier, later = (x.moved(lambda share, i=i: share[..., i]) for i in (low, high))
-    later_wins = later.compared(earlier).positive
-    lost = np.zeros((len(low), n), np.int64)
-    lost[np.arange(len(low)), low] = 1
-    lost[np.arange(len(low)), high] = -1
-    # An entry loses to the later ones that are larger, and to the earlier ones unless it is itself larger.
-    contract = (((later_wins.share.ndim - 1,), (0,)), ((), ()))
-    losses = dot_public(later_wins, lost, contract, public_left=False)
-    beaten = losses.add(from_public(context, np.arange(n))).positive
-    index = times_constant(_not(context, beaten), np.arange(n))
-    return index.summed(n, lambda share: jnp.sum(share, axis=-1, dtype=jnp.uint64))
-
-
-def _tournament(context: Context, x: Value) -> Value:
-    """Neighbours are compared, and the winners again: n - 1 comparisons, ceil(log2 n) deep."""
-
-    def part(value: Value, index: slice) -> Value:
-        return value.moved(lambda share: share[..., index])
-
-    def beside(a: Value, b: Value) -> Value:
-        return join(lambda *shares: jnp.concatenate(shares, axis=-1), a, b)
-
-    x = x.settled
-    index = from_public(context, np.broadcast_to(np.arange(x.shape[-1]), x.shape))
-    while (n := x.shape[-1]) > 1:
-        even = n // 2 * 2
-        lower, upper = slice(0, even, 2), slice(1, even, 2)
-        difference = part(x, upper).compared(part(x, lower))
-        largest = difference.relu.add(part(x, lower))
-        where_largest = where(difference.positive, part(index, upper), part(index, lower))
-        rest = slice(even, n)
-        x, index = beside(largest, part(x, rest)), beside(where_largest, part(index, rest))
-    return index.moved(lambda share: share[..., 0])
-
-
-@rule("argmin")
-def _argmin(context: Context, x: Value, **params: Any) -> Value:
-    return RULES["argmax"](context, x.negated(), **params)
-
-
 # --- logic on secret bits ---------------------------------------------------------------------------
-
-
-@rule("not")
-def _logical_not(context: Context, x: Value) -> Value:
-    return _not(context, x)
 
 
 @rule("and")
@@ -550,4 +471,4 @@ def _any(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Valu
 
 @rule("reduce_and")
 def _all(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Value:
-    return _not(context, _any(context, _sub(context, np.array(1), x), axes=axes))
+    return logical_not(context, _any(context, _sub(context, np.array(1), x), axes=axes))

@@ -16,6 +16,7 @@ import numpy as np
 from jax import Array
 from jax.sharding import Mesh
 
+import ciphernav_jax.secret.tournaments  # noqa: F401  (registers its rules)
 from ciphernav_jax import jax_private
 from ciphernav_jax.jax_private import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Tracer
 from ciphernav_jax.protocols import Protocol
