@@ -104,6 +104,7 @@ FAMILIES = {
         Example("eq", "x == y"),
         Example("ge", "x >= y"),
         Example("gt", "x > y"),
+        Example("is_finite", "jnp.where(jnp.isfinite(x), x, 0.0)"),
         Example("le", "x <= y"),
         Example("lt", "x < y"),
         Example("ne", "x != y"),

@@ -4,6 +4,7 @@
 - `array`: `Secret`, `share`, `reveal`.
 - `places`: the line of the user's function that an operation comes from.
 - `bounds`: how large values may be.
+- `findings`: what the run finds of public numbers where they meet secrets.
 - `value`: a party's share inside a program, with pending truncations and what was computed from it.
 - `scaling`: products with public numbers.
 - `witness`: notes of a program's values and truncations, beside a float64 evaluation.

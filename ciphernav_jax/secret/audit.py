@@ -28,7 +28,7 @@ def audit(step: Secure) -> Callable[..., tuple[Any, tuple[Array, Array]]]:
 
     @Compiled
     def evaluate(key, args):
-        result, notes = step.witnessed(key, args, Witness(step.protocol, beside=False))
+        result, (notes, _) = step.witnessed(key, args, Witness(step.protocol, beside=False))
         assert notes is not None
         return result, (jnp.sum(notes.total["truncations"]), jnp.sum(notes.total["failed"]))
 

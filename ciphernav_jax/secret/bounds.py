@@ -12,6 +12,14 @@ from ciphernav_jax.protocols import Protocol
 SIGNED = 2**63 - 1
 """The largest magnitude whose sign the ring shows."""
 
+MASK = 2**61
+"""What public numbers stand for that are larger and that secrets are added to or selected beside: a secret,
+two of these, and the difference of such sums stay within the ring.
+"""
+
+COMPARED = 2**62 - 2**10
+"""The same for those that secrets are compared with: more than any result is. Exact in float64."""
+
 
 def shared(protocol: Protocol, dtype: np.dtype) -> int:
     """Of what is shared: floats within 2^(62 - 2f), integers within 2^62 and their type's range."""

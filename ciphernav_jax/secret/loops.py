@@ -33,12 +33,14 @@ from ciphernav_jax.protocols.dealer import Dealer, Plan, Planner, Supply
 from ciphernav_jax.protocols.party import AXIS
 from ciphernav_jax.protocols.repeat import OnCall, take_on_call, take_repeated
 from ciphernav_jax.secret import bounds
+from ciphernav_jax.secret.findings import Findings
 from ciphernav_jax.secret.rules import Operand, Unsupported, at_rest, frac_bits_at_rest
 from ciphernav_jax.secret.value import Context, Value
 from ciphernav_jax.secret.witness import Notes
 
 Evaluate = Callable[[Context, ClosedJaxpr, list[Operand]], list[Operand]]
-Part = Callable[[Dealer, Any], tuple[list[Operand], Notes | None]]
+Noted = tuple[Notes | None, Findings]
+Part = Callable[[Dealer, Any], tuple[list[Operand], Noted]]
 
 
 # --- secrets cross into a body as arrays --------------------------------------------------------------
@@ -122,39 +124,45 @@ class _Traced:
 
     plan: Plan
     precisions: list[Precision | None]
-    notes: Notes | None
+    notes: Noted
 
     @property
-    def no_notes(self) -> Notes | None:
+    def no_notes(self) -> Noted:
         """Those of no run at all."""
         return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), self.notes)
 
 
 def _trace(part: Part, inputs: Any) -> _Traced:
-    """Traces a part of a program; nothing is run."""
+    """Traces a part of a program; nothing is run. What is known of its inputs stays known, as in the run."""
     planner, precisions = Planner(), []
+    leaves, tree = jax.tree.flatten(inputs)
+    known = {i: x for i, x in enumerate(leaves) if isinstance(x, np.ndarray)}
 
-    def traced(inputs):
+    def traced(leaves):
+        inputs = jax.tree.unflatten(tree, [known.get(i, x) for i, x in enumerate(leaves)])
         outputs, notes = part(planner, inputs)
         precisions[:] = _precisions(outputs)
         return notes
 
-    notes = jax.eval_shape(traced, inputs)
+    notes = jax.eval_shape(traced, leaves)
     return _Traced(planner.plan(), precisions, notes)
 
 
 def _inside(context: Context, dealer: Dealer) -> Context:
     """The context of a part that is traced by itself."""
-    return replace(context, dealer=dealer, witness=context.witness and context.witness.inside())
+    return replace(context, dealer=dealer, witness=context.witness and context.witness.inside(), findings=[])
 
 
-def _merged(notes: Notes | None, other: Notes | None) -> Notes | None:
-    return notes.merged(other) if notes and other else None
+def _merged(noted: Noted, other: Noted) -> Noted:
+    (notes, findings), (more, others) = noted, other
+    return notes.merged(more) if notes and more else None, findings.merged(others)
 
 
-def _include(context: Context, notes: Notes | None) -> None:
+def _include(context: Context, noted: Noted) -> None:
+    notes, findings = noted
     if context.witness and notes:
         context.witness.include(notes)
+    context.findings.append(findings)
 
 
 # --- loops --------------------------------------------------------------------------------------------
@@ -207,9 +215,7 @@ class _Body:
         """The first carry, as arrays."""
         return _arrays(_rest(self.context, start, self.carry_avals, self.secret))
 
-    def _iterate(
-        self, dealer: Dealer, inputs: tuple[list[Any], list[Any]]
-    ) -> tuple[list[Operand], Notes | None]:
+    def _iterate(self, dealer: Dealer, inputs: tuple[list[Any], list[Any]]) -> tuple[list[Operand], Noted]:
         carry, xs = inputs
         context = _inside(self.context, dealer)
         operands = _operands(
@@ -222,8 +228,8 @@ class _Body:
         return _rest(context, outputs, self.jaxpr.out_avals, secret), context.notes()
 
     def __call__(
-        self, shares: Any, state: tuple[list[Any], Notes | None], xs: list[Any]
-    ) -> tuple[tuple[list[Any], Notes | None], list[Any]]:
+        self, shares: Any, state: tuple[list[Any], Noted], xs: list[Any]
+    ) -> tuple[tuple[list[Any], Noted], list[Any]]:
         """One iteration, with this party's shares of its randomness. The state is the carry, and the notes of
         all iterations so far.
         """
@@ -296,10 +302,10 @@ def while_loop(
     )
     body = _Body(evaluate, context, body_jaxpr, consts, start)
 
-    def predicate(dealer: Dealer, carry: list[Any]) -> tuple[list[Operand], None]:
-        inner = replace(context, dealer=dealer, witness=None)
+    def predicate(dealer: Dealer, carry: list[Any]) -> tuple[list[Operand], Noted]:
+        inner = replace(context, dealer=dealer, witness=None, findings=[])
         operands = [*cond_consts, *_operands(inner, carry, body.resting)]
-        return evaluate(inner, cond_jaxpr, operands), None
+        return evaluate(inner, cond_jaxpr, operands), inner.notes()
 
     secret = any(isinstance(x, Value) for x in cond_consts)
     if secret or _trace(predicate, body.start(start)).precisions != [None]:
@@ -366,9 +372,10 @@ def repeated(
     """
     precisions = _precisions(values)
 
-    def part(dealer: Dealer, arrays: list[Any]) -> tuple[list[Operand], None]:
-        inner = replace(context, dealer=dealer, witness=None)
-        return body(inner, _operands(inner, arrays, precisions)), None  # pyright: ignore
+    def part(dealer: Dealer, arrays: list[Any]) -> tuple[list[Operand], Noted]:
+        inner = replace(context, dealer=dealer, witness=None, findings=[])
+        outputs = body(inner, _operands(inner, arrays, precisions))  # pyright: ignore[reportArgumentType]
+        return list(outputs), inner.notes()
 
     plan = _trace(part, _arrays(values)).plan
 
@@ -404,7 +411,7 @@ def cond(
 
     def branch(
         jaxpr: ClosedJaxpr, secret: list[bool], dealer: Dealer, arrays: list[Any]
-    ) -> tuple[list[Operand], Notes | None]:
+    ) -> tuple[list[Operand], Noted]:
         inner = _inside(context, dealer)
         outputs = evaluate(inner, jaxpr, _operands(inner, arrays, precisions))
         return _rest(inner, outputs, jaxpr.out_avals, secret), inner.notes()

@@ -23,7 +23,15 @@ from jax import Array, lax
 from ciphernav_jax import ring
 from ciphernav_jax.jax_private import Primitive
 from ciphernav_jax.secret import bounds
-from ciphernav_jax.secret.scaling import Public, dot_public, from_public, times_constant, times_public
+from ciphernav_jax.secret.scaling import (
+    Public,
+    dot_public,
+    from_public,
+    is_float,
+    reciprocal,
+    times_constant,
+    times_public,
+)
 from ciphernav_jax.secret.value import Context, Value, join, where
 
 Operand = Value | Public
@@ -248,7 +256,7 @@ def _cumsum(context: Context, x: Value, *, axis: int, **params: Any) -> Value:
 @rule("convert_element_type")
 def _convert(context: Context, x: Value, *, new_dtype: np.dtype, **_: Any) -> Operand:
     if new_dtype == np.bool_:
-        return _ne(context, x, np.array(0))
+        return _different(context, x, np.array(0))
     if x.frac_bits > 0 and not jnp.issubdtype(new_dtype, np.floating):
         raise Unsupported(f"a secret with a fractional part cannot be rounded to {np.dtype(new_dtype).name}")
     return x
@@ -280,7 +288,7 @@ def _div(context: Context, x: Operand, y: Operand) -> Value:
         return _mul(context, x, y.reciprocal())
     if isinstance(y, Value):
         raise Unsupported("the divisor is secret; only public divisors are supported")
-    return _mul(context, x, 1.0 / y.astype(np.float64))
+    return _mul(context, x, reciprocal(context, y))
 
 
 @rule("square")
@@ -318,8 +326,39 @@ def _dot_general(
 # --- comparisons: x > y is (x - y) > 0, exact in units of the last place ----------------------------
 
 
+def _beyond(context: Context, x: Operand) -> bool:
+    """Whether this is a constant whose entries are all larger in magnitude than any secret, or NaN."""
+    if not isinstance(x, np.ndarray) or not x.size:
+        return False
+    bound = 2.0 ** (62 - context.protocol.frac_bits) if is_float(x) else 2**62
+    return not np.any(ring.fits(x, bound))
+
+
+def _comparable(context: Context, x: Operand) -> Value:
+    """An operand as a value, for comparisons: what no secret reaches may be any number that none reaches."""
+    if isinstance(x, Value) or is_float(x):
+        return x if isinstance(x, Value) else from_public(context, x, bounds.COMPARED)
+    if ring.fits(x, 2**62) is not True:
+        least = 0 if np.issubdtype(x.dtype, np.unsignedinteger) else -(2**62)
+        x = (np if isinstance(x, np.ndarray) else jnp).clip(x, least, 2**62)
+    return from_public(context, x)
+
+
+def _comparison(compare: Callable[[Context, Operand, Operand], Operand], known: Any) -> Rule:
+    """The rule of a comparison, which numpy calls `known`."""
+
+    def rule(context: Context, x: Operand, y: Operand) -> Operand:
+        for one, other in ((x, y), (y, x)):
+            if isinstance(one, Value) and _beyond(context, other):
+                zero = np.zeros((), other.dtype)  # as good as any secret
+                return np.broadcast_to(known(zero, y) if one is x else known(x, zero), one.shape)
+        return compare(context, x, y)
+
+    return rule
+
+
 def _greater(context: Context, x: Operand, y: Operand) -> Value:
-    x, y = to_value(context, x), to_value(context, y)
+    x, y = _comparable(context, x), _comparable(context, y)
     return (x if _is_nothing(y, x) else x.compared(y)).positive
 
 
@@ -338,17 +377,15 @@ def logical_not(context: Context, x: Value) -> Value:
     return _bit(_sub(context, np.array(1), x))
 
 
-@rule("eq")
 def _equal(context: Context, x: Operand, y: Operand) -> Operand:
-    different = _ne(context, x, y)
+    different = _different(context, x, y)
     return logical_not(context, different) if isinstance(different, Value) else ~different
 
 
-@rule("ne")
-def _ne(context: Context, x: Operand, y: Operand) -> Operand:
+def _different(context: Context, x: Operand, y: Operand) -> Operand:
     if x is y:
         return np.zeros(x.shape, np.bool_)  # the usual test for NaN, which no secret is
-    above, below = _sides(to_value(context, x).compared(to_value(context, y)))
+    above, below = _sides(_comparable(context, x).compared(_comparable(context, y)))
     return _bit(above.add(below))
 
 
@@ -364,19 +401,44 @@ def _sign(context: Context, x: Value) -> Value:
     return _bit(above.add(below.negated()))
 
 
-RULES["gt"] = _greater
-RULES["lt"] = lambda context, x, y: _greater(context, y, x)
-RULES["le"] = lambda context, x, y: logical_not(context, _greater(context, x, y))
-RULES["ge"] = lambda context, x, y: logical_not(context, _greater(context, y, x))
+RULES["eq"] = _comparison(_equal, np.equal)
+RULES["ne"] = _comparison(_different, np.not_equal)
+RULES["gt"] = _comparison(_greater, np.greater)
+RULES["lt"] = _comparison(lambda context, x, y: _greater(context, y, x), np.less)
+RULES["le"] = _comparison(lambda context, x, y: logical_not(context, _greater(context, x, y)), np.less_equal)
+RULES["ge"] = _comparison(
+    lambda context, x, y: logical_not(context, _greater(context, y, x)), np.greater_equal
+)
+
+
+@rule("is_finite")
+def _is_finite(context: Context, x: Value) -> np.ndarray:
+    return np.ones(x.shape, np.bool_)
 
 
 # --- selection --------------------------------------------------------------------------------------
 
 
+def _never_chosen(context: Context, x: Operand, y: Operand, above: bool) -> Operand | None:
+    """The other operand where one is a constant above all secrets, or with `above` false below them."""
+    for secret, public in ((x, y), (y, x)):
+        if isinstance(secret, Value) and _beyond(context, public):
+            shape = np.broadcast_shapes(secret.shape, np.shape(public))
+            if np.all(public > 0 if above else public < 0):
+                return secret.moved(partial(jnp.broadcast_to, shape=shape))
+            if np.all(public < 0 if above else public > 0):
+                return np.broadcast_to(public, shape)
+    return None
+
+
 @rule("max")
-def _max(context: Context, x: Operand, y: Operand) -> Value:
+def _max(context: Context, x: Operand, y: Operand) -> Operand:
     """relu(x - y) + y, with a y that is public or waits for no truncation: the same in both places."""
-    above, base = to_value(context, x), to_value(context, y)
+    chosen = _never_chosen(context, x, y, above=False)
+    return _larger(_comparable(context, x), _comparable(context, y)) if chosen is None else chosen
+
+
+def _larger(above: Value, base: Value) -> Value:
     if above.waits and base.waits:
         above, base = above.settled, base.settled
     if above.public is not None or base.waits:
@@ -385,16 +447,19 @@ def _max(context: Context, x: Operand, y: Operand) -> Value:
         return above.relu
     larger = above.compared(base).relu.add(base)
     bound = max(v.bound_at(larger.frac_bits) for v in (above, base))
-    return Value(context, larger.frac_bits, bound, share=larger.share)
+    return Value(larger.context, larger.frac_bits, bound, share=larger.share)
 
 
 @rule("min")
-def _min(context: Context, x: Operand, y: Operand) -> Value:
-    return _max(context, *(to_value(context, operand).negated() for operand in (x, y))).negated()
+def _min(context: Context, x: Operand, y: Operand) -> Operand:
+    chosen = _never_chosen(context, x, y, above=True)
+    if chosen is not None:
+        return chosen
+    return _larger(_comparable(context, x).negated(), _comparable(context, y).negated()).negated()
 
 
 @rule("clamp")
-def _clamp(context: Context, low: Operand, x: Operand, high: Operand) -> Value:
+def _clamp(context: Context, low: Operand, x: Operand, high: Operand) -> Operand:
     if not isinstance(x, Value):
         raise Unsupported("a bound is secret and the value public; write jnp.minimum and jnp.maximum")
     return _min(context, _max(context, x, low), high)
@@ -422,7 +487,7 @@ class OneOfTwo(Value):
         super().__init__(context, low.frac_bits, max(low.bound, high.bound), share=share)
 
     def reciprocal(self) -> "OneOfTwo":
-        low, high = (1.0 / x.astype(np.float64) for x in (self.on_false, self.on_true))
+        low, high = (reciprocal(self.context, x) for x in (self.on_false, self.on_true))
         return OneOfTwo(self.context, self.bit, low, high)
 
     def multiply(self, x: Value) -> Value:

@@ -8,6 +8,7 @@ over; each product is truncated by itself, all in one round.
 import itertools
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,6 +18,7 @@ from ciphernav_jax import ring
 from ciphernav_jax.protocols.party import AXIS
 from ciphernav_jax.ring.linear import DimensionNumbers
 from ciphernav_jax.secret import bounds
+from ciphernav_jax.secret.findings import NotUsable
 from ciphernav_jax.secret.value import MAX_FRAC_BITS, Context, Value
 
 Public = Array | np.ndarray
@@ -31,15 +33,57 @@ def largest(x: np.ndarray) -> int:
     return max(abs(int(x.min())), abs(int(x.max()))) if x.size else 0
 
 
-def from_public(context: Context, x: Public) -> Value:
-    """A public array as a value: floats at the protocol's fractional bits, integers and bools exactly."""
-    frac_bits = context.protocol.frac_bits if is_float(x) else 0
-    encoded = ring.encode(x, frac_bits)
+def from_public(context: Context, x: Public, most: int = bounds.MASK) -> Value:
+    """A public array as a value: floats at the protocol's fractional bits, integers and bools exactly.
+
+    A float whose ring integer is larger than `most` becomes that: an infinity, or another mask.
+
+    Raises:
+        NotUsable: a constant is NaN. (Of a number that only the run knows it is found.)
+    """
+    if not is_float(x):
+        bound = largest(x) if isinstance(x, np.ndarray) else bounds.shared(context.protocol, x.dtype)
+        return Value(context, 0, bound, public=ring.encode(x, 0))
+    frac_bits = context.protocol.frac_bits
+    numpy: Any = np if isinstance(x, np.ndarray) else jnp
+    x, limit = x.astype(np.float64), most / 2**frac_bits
+    missing = numpy.isnan(x)
     if isinstance(x, np.ndarray):
-        bound = largest(np.round(x.astype(np.float64) * 2**frac_bits) if frac_bits else x.astype(np.int64))
+        if np.any(missing):
+            raise NotUsable("a constant is NaN, which no secret can be")
     else:
-        bound = bounds.SIGNED if frac_bits else bounds.shared(context.protocol, x.dtype)
-    return Value(context, frac_bits, bound, public=encoded)
+        context.find("a public number that meets a secret is NaN", missing)
+    x = numpy.where(missing, 0.0, numpy.clip(x, -limit, limit))
+    bound = largest(np.round(x * 2**frac_bits)) if isinstance(x, np.ndarray) else most
+    return Value(context, frac_bits, bound, public=ring.encode(x, frac_bits))
+
+
+def reciprocal(context: Context, x: Public) -> Public:
+    """1 / x in float64.
+
+    Raises:
+        NotUsable: a constant is 0 or NaN. (Of a number that only the run knows it is found.)
+    """
+    x = x.astype(np.float64)
+    if isinstance(x, np.ndarray):
+        if np.any(x == 0):
+            raise NotUsable("a secret is divided by 0")
+    else:
+        context.find("a public number that divides a secret is 0", x == 0)
+    return 1.0 / x
+
+
+def _encoded(context: Context, public: Array, frac_bits: int) -> Array:
+    """A factor that only the run knows, with so many fractional bits. What is not usable becomes 0; it is
+    found.
+    """
+    limit = 2.0 ** (62 - frac_bits)
+    usable = ring.fits(public, limit)
+    context.find(
+        f"a public number that multiplies a secret is not finite, or not below {limit:g} in magnitude",
+        ~jnp.asarray(usable),
+    )
+    return ring.encode(jnp.where(usable, public, 0), frac_bits)
 
 
 def _sum(values: list[Value]) -> Value:
@@ -56,6 +100,11 @@ def _useful_bits(x: Value, count: int = 1) -> int:
 
 
 # --- constants --------------------------------------------------------------------------------------
+
+
+def _require_finite(constant: np.ndarray) -> None:
+    if not np.all(np.isfinite(constant)):
+        raise NotUsable("a secret is multiplied by a constant that is not finite (NaN or infinity)")
 
 
 def dyadic(constant: np.ndarray) -> tuple[np.ndarray, int] | None:
@@ -99,11 +148,10 @@ def times_constant(x: Value, constant: np.ndarray) -> Value:
     x is a large sum, several have been carried out.
 
     Raises:
-        ValueError: an entry is NaN or infinite.
+        NotUsable: an entry is NaN or infinite.
     """
     constant = np.asarray(constant)
-    if not np.all(np.isfinite(constant)):
-        raise ValueError("cannot multiply a secret by a constant that is not finite (NaN or infinity)")
+    _require_finite(constant)
     exact = dyadic(constant)
     product = exact and _times_integers(x, *exact)
     if product is not None:
@@ -182,8 +230,8 @@ def times_public(x: Value, public: Array) -> Value:
 
     finest, e = _useful_bits(x), 2 * protocol.frac_bits - x.frac_bits
     if finest <= e:
-        return times_limb(x, ring.encode(public, finest), finest, bounds.SIGNED)
-    first = ring.encode(public, e)
+        return times_limb(x, _encoded(x.context, public, finest), finest, bounds.SIGNED)
+    first = _encoded(x.context, public, e)
     product = times_limb(x, first, e, bounds.SIGNED)
     rest = public.astype(jnp.float64) - ring.decode(first, e)
     # It is at most 2^-(e + 1): of a large x the last bits do not matter.
@@ -211,7 +259,7 @@ def dot_public(x: Value, public: Public, dimension_numbers: DimensionNumbers, *,
         reach = 1 + int(1.000001 * np.max(np.sum(np.abs(encoded.astype(np.float64)), axis=axes), initial=0.0))
         encoded = encoded.view(np.uint64)
     else:
-        encoded = ring.encode(public, e)
+        encoded = _encoded(x.context, public, e) if is_float(public) else ring.encode(public, 0)
     left, right = (encoded, x.share) if public_left else (x.share, encoded)
     share = ring.dot_general(jnp.asarray(left), jnp.asarray(right), dimension_numbers)
     bound = min(x.bound * reach, bounds.product(protocol, x.frac_bits + e))
@@ -224,8 +272,7 @@ def _encoded_factor(
     """The fractional bits at which a constant factor of a contraction over `axes` is encoded, and so it is
     as integers (int64).
     """
-    if not np.all(np.isfinite(constant)):
-        raise ValueError("cannot multiply a secret by a constant that is not finite (NaN or infinity)")
+    _require_finite(constant)
     exact = dyadic(constant)
     if exact is not None and exact[1] <= usual:
         m, e = exact
@@ -236,8 +283,8 @@ def _encoded_factor(
     useful = _useful_bits(x, math.prod(constant.shape[axis] for axis in axes))
     e = min(max(fits, usual), useful)
     if reach * 2.0**e >= 2.0**62:
-        raise ValueError(
-            f"cannot multiply a secret by a constant of size {reach:g}: products of "
-            f"{x.context.protocol} stay below {x.context.protocol.bound:g}. Scale the constant down."
+        raise NotUsable(
+            f"a secret is multiplied by a constant of size {reach:g}: products of "
+            f"{x.context.protocol} stay below {x.context.protocol.bound:g}: scale the constant down"
         )
     return e, np.asarray(np.round(np.ldexp(constant, e)).astype(np.int64))

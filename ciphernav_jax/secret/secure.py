@@ -17,14 +17,16 @@ from jax import Array
 from jax.sharding import Mesh
 
 import ciphernav_jax.secret.tournaments  # noqa: F401  (registers its rules)
-from ciphernav_jax import jax_private
+from ciphernav_jax import jax_private, ring
 from ciphernav_jax.jax_private import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Tracer
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.jaxprs import wrapped
+from ciphernav_jax.protocols.party import from_party_zero
 from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
 from ciphernav_jax.secret import bounds, fresh
 from ciphernav_jax.secret.array import Secret
+from ciphernav_jax.secret.findings import Findings, NotUsable
 from ciphernav_jax.secret.loops import LOOPS
 from ciphernav_jax.secret.places import of_function, place
 from ciphernav_jax.secret.programs import Compiled
@@ -45,11 +47,18 @@ class Secure:
     def __post_init__(self):
         # jit keeps public arguments abstract, so that what a program asks the dealer for never depends on
         # them.
-        object.__setattr__(self, "jitted", Compiled(self.evaluate))
+        object.__setattr__(self, "jitted", Compiled(partial(self.witnessed, witness=None)))
 
     def __call__(self, key: Array, *args: Any) -> Any:
         """Evaluates the function; `key` is the dealer's random key, fresh for each call."""
-        return self.jitted(key, self.checked(key, args))
+        return self.computed(key, self.checked(key, args))
+
+    def computed(self, key: Array, args: tuple[Any, ...]) -> Any:
+        """The results of a call, its arguments being prepared; raises where a public number is not usable."""
+        results, (_, findings) = self.jitted(key, args)
+        if not any(isinstance(found, Tracer) for found in findings.found):
+            findings.check()
+        return results
 
     def checked(self, key: Array, args: tuple[Any, ...]) -> tuple[Any, ...]:
         """The arguments of a call, ready to be traced; raises where `key` is no key, or not a fresh one."""
@@ -80,8 +89,10 @@ class Secure:
 
     def witnessed(
         self, key: Array, args: tuple[Any, ...], witness: Witness | None, run: Callable[..., Any] = run
-    ) -> tuple[Any, Notes | None]:
-        """As `evaluate`, with the notes that such a witness takes of the program."""
+    ) -> tuple[Any, tuple[Notes | None, Findings]]:
+        """As `evaluate`, with the notes that such a witness takes of the program, and what was found of
+        public numbers. Where something was, all secret results are poisoned.
+        """
         named, tree = jax.tree_util.tree_flatten_with_path(args, is_leaf=_is_secret)
         names, leaves = [jax.tree_util.keystr(path) for path, _ in named], [x for _, x in named]
         leaves = [x.party_first() if isinstance(x, Secret) else x for x in leaves]
@@ -111,10 +122,12 @@ class Secure:
             results = _evaluate_jaxpr(context, jaxpr.jaxpr, jaxpr.consts, values)
             with jax.named_scope("primitive:output"):
                 results = [_finish(x, out.dtype) for x, out in zip(results, outputs, strict=True)]
+                notes = context.notes()
+                results = _poisoned(results, notes[1])
             made[:] = [x.frac_bits if isinstance(x, Value) else None for x in results]
             return (
                 [x.share for x in results if isinstance(x, Value)],
-                ([x for x in results if not isinstance(x, Value)], context.notes()),
+                ([x for x in results if not isinstance(x, Value)], notes),
             )
 
         private, (public, notes) = run(
@@ -139,6 +152,9 @@ class Secure:
 def secure(function: Callable[..., Any], *, protocol: Protocol | None = None) -> Secure:
     """The same function, evaluated by all parties on secrets.
 
+    A public number that is added to secrets, compared with them or selected beside them may be of any size:
+    a mask of -inf, -1e9 or `finfo.min` does what one means. Beyond 2^(61 - frac_bits) it stands for that.
+
     Args:
         function: any JAX function of float arrays (pytrees of them) whose primitives have a rule: MLPs, ReLU,
             squared losses, comparisons, `jnp.where`, sums, reshapes, and `jax.grad` of them; `lax.scan`,
@@ -156,7 +172,10 @@ def secure(function: Callable[..., Any], *, protocol: Protocol | None = None) ->
             in the function, and a way out.
         ValueError: no secret among the arguments; secrets of different numbers of parties; a precision
             other than the protocol's; local truncation for more than two parties; a `vmap` or a loop over
-            arguments with one key for all.
+            arguments with one key for all; a public number that meets a secret and is NaN, or multiplies or
+            divides it and is not finite, out of range, or a zero divisor. The message names the line in the
+            function. Under a trace around the call nobody can look at the number; then `reveal` gives NaN
+            for all secret float results, -2^63 for int64.
         TypeError: it is being differentiated; write `secure(jax.grad(f))`.
 
     Warns (when called):
@@ -215,6 +234,18 @@ def _check_secrets(secrets: list[Secret], protocol: Protocol) -> int:
 def _finish(x: Any, dtype: np.dtype) -> Any:
     """An output with the precision that a `Secret` of its dtype has."""
     return at_rest(x.context, x, dtype) if isinstance(x, Value) else x
+
+
+def _poisoned(results: list[Any], findings: Findings) -> list[Any]:
+    """Results of which the secret ones stand for no number where any problem was found."""
+    if not findings.found:
+        return results
+    bad = findings.any()
+
+    def poisoned(share: Array) -> Array:
+        return jnp.where(bad, from_party_zero(jnp.full(share.shape, ring.POISON, jnp.uint64)), share)
+
+    return [x.like(poisoned(x.share)) if isinstance(x, Value) else x for x in results]
 
 
 def _evaluate_jaxpr(context: Context, jaxpr: Jaxpr, consts: list[Any], args: list[Any]) -> list[Any]:
@@ -285,6 +316,8 @@ def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
             raise Unsupported("it has no rule")
         with jax.named_scope(f"primitive:{name}"):
             return rule(context, *operands, **eqn.params)
+    except NotUsable as problem:
+        raise ValueError(f"{problem}, in `{name}`. It comes from {context.place}.") from None
     except Unsupported as problem:
         raise NotImplementedError(
             f"cannot evaluate `{name}` on secrets: {problem}. It comes from {context.place}. {_way_out(name)}"

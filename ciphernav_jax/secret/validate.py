@@ -238,7 +238,7 @@ def validate(step: Secure, *, strict: bool = False) -> Callable[..., tuple[Any, 
 
     @Compiled
     def evaluate(key: Array, args: tuple[Any, ...]) -> tuple[Any, Report]:
-        result, notes = step.witnessed(key, args, Witness(step.protocol, beside=True))
+        result, (notes, _) = step.witnessed(key, args, Witness(step.protocol, beside=True))
         assert notes is not None
         return result, Report(step.protocol.frac_bits, notes)
 

@@ -11,7 +11,7 @@ contract and from what was done to it (`secret.bounds`), and what could leave th
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -27,6 +27,7 @@ from ciphernav_jax.protocols.masked import Masked
 from ciphernav_jax.protocols.party import from_party_zero
 from ciphernav_jax.ring.linear import DimensionNumbers
 from ciphernav_jax.secret import bounds
+from ciphernav_jax.secret.findings import Findings
 from ciphernav_jax.secret.places import UNKNOWN, Place
 
 if TYPE_CHECKING:
@@ -40,18 +41,23 @@ Move = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class Context:
-    """What every operation in a program needs: the variants, where randomness comes from, who watches, and
-    the line of the user's function that it comes from.
+    """What every operation in a program needs: the variants, where randomness comes from, who watches, the
+    line of the user's function that it comes from, and what was found of public numbers in this part.
     """
 
     protocol: Protocol
     dealer: Dealer
     witness: "Witness | None" = None
     place: Place = UNKNOWN
+    findings: list[Findings] = field(default_factory=list)
 
-    def notes(self) -> "Notes | None":
-        """What the witness of this part of the program has noted."""
-        return self.witness and self.witness.notes()
+    def find(self, problem: str, found: Array) -> None:
+        """A public number has met a secret; `found` says where it has this problem."""
+        self.findings.append(Findings.of(problem, self.place, found))
+
+    def notes(self) -> "tuple[Notes | None, Findings]":
+        """What the witness of this part of the program has noted, and what was found."""
+        return self.witness and self.witness.notes(), Findings.joined(self.findings)
 
 
 class Value:
