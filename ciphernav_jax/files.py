@@ -43,6 +43,19 @@ def naming(path: Path) -> Iterator[None]:
 
 
 @contextmanager
+def fitting(path: Path, remedy: str = REMEDY) -> Iterator[None]:
+    """Names a file that is what was written, but by a version of this program that wrote another shape."""
+    try:
+        yield
+    except DamagedError:
+        raise
+    except (LookupError, TypeError, AttributeError, ArithmeticError, ValueError) as error:
+        raise DamagedError(
+            f"{path} is not of the shape that this version reads ({type(error).__name__}: {error}); {remedy}"
+        ) from error
+
+
+@contextmanager
 def claimed(folder: Path) -> Iterator[None]:
     """Keeps a folder, made if it is not there, from all other processes that would write to it.
 

@@ -257,14 +257,17 @@ def interrupted(folder: Path, name: str, after: int | None) -> None:
 
 
 def left(folder: Path) -> dict[str, Any]:
-    """All that a command left in a folder, without times."""
+    """All that a command left in a folder, without times, and JSON without its white space."""
     found: dict[str, Any] = {}
     for path in sorted(folder.rglob("*")):
+        name = str(path.relative_to(folder))
         if path.name == "curve.json":
             points = json.loads(path.read_text())["points"]
-            found[path.name] = [{k: v for k, v in p.items() if "seconds" not in k} for p in points]
+            found[name] = [{k: v for k, v in p.items() if "seconds" not in k} for p in points]
+        elif path.suffix == ".json":
+            found[name] = json.loads(path.read_text())
         elif path.is_file() and path.name != "checkpoint.npz":
-            found[str(path.relative_to(folder))] = path.read_bytes()
+            found[name] = path.read_bytes()
     return found
 
 
@@ -359,9 +362,20 @@ def reshape(path: Path, rng: random.Random, _: list[Path]) -> None:
         np.savez(file, **{"0": array}) if path.suffix == ".npz" else np.save(file, array)
 
 
+def reseal(path: Path, rng: random.Random, others: list[Path]) -> None:
+    """Of another shape with a right digest, as another version of the program could have written it."""
+    if path.suffix != ".json":
+        return reshape(path, rng, others)
+    value = json.loads(path.read_text())
+    value.pop(files.DIGEST, None)
+    del value[rng.choice(list(value))]
+    files.write_json(path, value)
+    return None
+
+
 HARMS = (
     *(flip, flip, flip, flip, cut, cut, empty, lengthen, blank, noise),
-    *(lose, folder_instead, dangle, swap, swap, reshape, reshape),
+    *(lose, folder_instead, dangle, swap, swap, reshape, reshape, reseal),
 )
 
 

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -99,9 +100,18 @@ def test_a_full_disk_names_the_file(tmp_path):
         full.write(b"1")
 
 
+def test_a_file_of_another_shape_is_named():
+    shape = r"/a is not of the shape .*KeyError: 'seed'.*; burn it"
+    with pytest.raises(DamagedError, match=shape), files.fitting(Path("/a"), "burn it"):
+        {}["seed"]
+    with pytest.raises(DamagedError, match="/b is missing"), files.fitting(Path("/a")):
+        files.read_json(Path("/b"))
+
+
 CLAIM = """
 import sys
 from contextlib import suppress
+from pathlib import Path
 from pathlib import Path
 from ciphernav_jax import files
 try:

@@ -134,10 +134,13 @@ def _begun(path: Path, configuration: dict[str, Any]) -> dict[str, Any]:
     found = read_json(path, remedy="remove it to start anew")
     asked = json.loads(json.dumps(fresh))  # as it would be read, with lists for tuples
     for name in ("configuration", "versions", "machine"):
-        if found[name] != asked[name]:
+        if found.get(name) != asked[name]:
             raise DamagedError(
                 f"{path} holds a sweep with another {name}; choose another --out, or remove it to start anew"
             )
+    with files.fitting(path, "remove it to start anew"):
+        for result in found["results"]:
+            _row(result), _short_row(result)
     return found
 
 

@@ -164,7 +164,9 @@ def load(folder: Path) -> tuple[dict, Trained]:
             f"the training in {folder} is not finished; the same `ciphernav train` goes on with it"
         )
     curve(folder)
-    return config, _result(folder, config, _template(config))
+    with files.fitting(folder / "config.json", _remedy(folder)):
+        like = _template(config)
+    return config, _result(folder, config, like)
 
 
 def curve(folder: Path) -> list[dict]:

@@ -54,6 +54,8 @@ _ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
 }
 
 
+_META = {"split", "count", "seed", "unseen_by", "versions", "gl", "files"}
+
 MOST = (2**31 - 1) // POSES
 """Environments: views are numbered by int32, at most 104 of an environment's own."""
 # Of an environment on disk, at the least: its views that are no other's, and the record of it.
@@ -147,8 +149,9 @@ def load(folder: str | Path, *, verify: bool = True) -> Dataset:
     folder = Path(folder)
     meta = _read_meta(folder)
     arrays = {}
-    for name in _ARRAYS:
-        arrays[name] = _read_array(folder, name, meta, verify)
+    with files.fitting(folder / "meta.json", _remedy(folder)):
+        for name in _ARRAYS:
+            arrays[name] = _read_array(folder, name, meta, verify)
     return Dataset(**arrays, meta=meta)
 
 
@@ -283,8 +286,8 @@ def _read_meta(folder: Path) -> dict[str, Any]:
             f"{path} is missing: {folder} is no data set; make one with `ciphernav generate`."
         )
     meta = files.read_json(path, remedy=_remedy(folder))
-    if meta.get("format") != FORMAT:
-        raise DamagedError(f"{path} does not describe a data set of the format {FORMAT!r}.")
+    if meta.get("format") != FORMAT or not meta.keys() >= _META:
+        raise DamagedError(f"{path} does not describe a data set of the format {FORMAT!r}; {_remedy(folder)}")
     return meta
 
 

@@ -199,7 +199,7 @@ def recorded(
     """
     if path.exists():
         document = read_json(path)
-        if document["configuration"] != configuration:
+        if document.get("configuration") != configuration:
             raise ValueError(f"{path} is of another configuration; remove it, or choose another --results")
         return document
     began = time.perf_counter()

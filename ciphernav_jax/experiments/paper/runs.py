@@ -147,7 +147,7 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
     configuration = configured(row)
     if path.exists():
         document = read_json(path)
-        if document["configuration"] != configuration:
+        if document.get("configuration") != configuration:
             raise ValueError(f"{path} is of another configuration; remove it, or choose another --results")
         return document
 

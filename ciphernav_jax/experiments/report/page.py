@@ -113,7 +113,7 @@ def page(results: Results) -> str:
 <div class="tiles">{"".join(_tile(*tile) for tile in tiles(results))}</div>
 <nav>{links}</nav>
 {body}
-<footer><h2>Made with</h2>{_made_with(results)}</footer>
+<footer><h2>Made with</h2>{made_with(results)}</footer>
 </body>
 </html>
 """
@@ -311,7 +311,7 @@ def _episode(episode: Document) -> str:
     )
 
 
-def _made_with(results: Results) -> str:
+def made_with(results: Results) -> str:
     """Machines and versions of all documents."""
     made = {
         (f"{d['machine']['cpus']} cores of {d['machine']['processor']}", *sorted(d["versions"].items()))

@@ -12,6 +12,9 @@ from ciphernav_jax.navigation import metrics
 
 Document = dict[str, Any]
 
+WHOLE = ("bench", "sweep")
+"""Names of the files that stand beside the folder of the paper's."""
+
 
 @dataclass(frozen=True)
 class Results:
@@ -36,28 +39,38 @@ class Results:
 
 
 def load(folder: Path) -> Results:
-    """Everything in FOLDER/paper, FOLDER/bench.json and FOLDER/sweep.json that is there.
+    """Everything in FOLDER/paper, FOLDER/bench.json and FOLDER/sweep.json that is there; see `read`."""
+    return gathered(read(folder))
+
+
+def read(folder: Path) -> dict[Path, Document]:
+    """The documents by their files.
 
     Raises:
         FileNotFoundError: no such folder.
-        DamagedError: a file is not JSON.
+        DamagedError: a file is not what was written.
     """
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder} is missing; say with --results where the result files are")
+    paths = sorted((folder / "paper").glob("*.json"))
+    paths += [path for name in WHOLE if (path := folder / f"{name}.json").exists()]
+    return {path: read_json(path) for path in paths}
+
+
+def gathered(documents: dict[Path, Document]) -> Results:
+    """The documents by what they are of."""
     runs: dict[str, list[Document]] = defaultdict(list)
     others: dict[str, list[Document]] = defaultdict(list)
-    for path in sorted((folder / "paper").glob("*.json")):
-        document = read_json(path)
-        if "curve" in document:  # a training's, or the random walk's empty one
+    whole: dict[str, Document | None] = dict.fromkeys(WHOLE)
+    for path, document in documents.items():
+        if path.stem in WHOLE:
+            whole[path.stem] = document
+        elif "curve" in document:  # a training's, or the random walk's empty one
             runs[document["row"]].append(document)
         else:
             others[path.stem.partition("-")[0]].append(document)
-    for documents in runs.values():
-        documents.sort(key=lambda document: document["seed"])
-    whole = {
-        name: read_json(folder / f"{name}.json") if (folder / f"{name}.json").exists() else None
-        for name in ("bench", "sweep")
-    }
+    for of_row in runs.values():
+        of_row.sort(key=lambda document: document["seed"])
     return Results(dict(runs), dict(others), **whole)
 
 

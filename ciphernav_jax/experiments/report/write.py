@@ -31,7 +31,11 @@ def run(folder: Path, out: Path, readme: Path | None = None) -> None:
         BusyError: another process writes a report into `out`.
         ValueError: the readme has a block of a name that no table has.
     """
-    found = results.load(folder)
+    documents = results.read(folder)
+    for path, document in documents.items():
+        with files.fitting(path):
+            _tried(results.gathered({path: document}))
+    found = results.gathered(documents)
     text = readme and filled(files.read_text(readme), found)
     with files.claimed(out):
         _write(found, out)
@@ -41,6 +45,17 @@ def run(folder: Path, out: Path, readme: Path | None = None) -> None:
             if path.suffix in (".png", ".gif") and (out / path.name).exists():
                 write_bytes(path, (out / path.name).read_bytes())
         console.print(f"Filled: {readme}")
+
+
+def _tried(alone: Results) -> None:
+    """Reads all that the report reads of one document."""
+    for table in tables.every(alone):
+        table.markdown()
+    page.made_with(alone)
+    for documents in alone.runs.values():
+        figures.episodes_by_length(documents, "success")
+    if alone.others:
+        page.page(alone)
 
 
 def _write(found: Results, out: Path) -> None:
