@@ -163,7 +163,7 @@ and unknown until the run, are the vector `w` and the integer `n`.
 
 - **Rounds**: messages that wait for one another.
 - **Sent**: bytes that each party sends to each other party, divided by {ENTRIES}: for each entry of `x`.
-- **Dealt**: bytes that each party receives from the dealer, likewise.
+- **Dealt**: bytes that the dealer sends to all parties together, likewise; without the seed that each gets.
 - **Error**: a bound in units of the last place, 2^-20, for values in range; 0 is exact.
 
 None of it depends on the number of parties. Operands come fresh and results are truncated to 20 fractional
@@ -189,7 +189,7 @@ def markdown() -> str:
 def _row(example: Example, found: Cost) -> str:
     rounds = f"{found.rounds}{' an iteration' * found.unbounded}"
     sent = found.bytes_sent / (found.parties - 1) / ENTRIES
-    dealt = (found.bytes_dealt + found.bytes_on_call) / ENTRIES
+    dealt = (sum(row.bytes_dealt for row in found.by_request) + found.bytes_on_call) / ENTRIES
     expression = example.expression.replace("|", "\\|")
     return (
         f"| `{example.primitive}` | `{expression}` | {rounds} | {_bytes(sent)} | {_bytes(dealt)} "

@@ -2,22 +2,24 @@
 
 A program asks for randomness through `Dealer.take(request)`, and gets its own shares of the dealer's values.
 Tracing the program once with a `Planner` lists all requests without computing anything; `deal` then makes the
-randomness of the whole program from few large uniform draws; a `Supply` hands it to the party. So the dealer
-acts before the program starts (the offline phase), and the online phase holds no dealer at all: in
-a deployment each party's part of the supply is its own input.
+randomness of the whole program, from one large uniform draw for each party; a `Supply` hands it to the party.
+So the dealer acts before the program starts (the offline phase), and the online phase holds no dealer at all:
+in a deployment each party's part of the supply is its own input, which it draws from a seed that the dealer
+sends it, but for the corrections.
 
 The dealer is trusted, takes part in nothing else, and must not collude with a party.
 """
 
+import functools
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+import numpy as np
+from jax import Array, lax
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
@@ -38,33 +40,50 @@ class Ref(NamedTuple):
     name: str
 
 
-class Request(ABC):
-    """One kind of correlated randomness; a frozen dataclass.
+class Request:
+    """One kind of correlated randomness; a frozen dataclass. Its values are of three kinds:
 
-    `draws` are the shapes of the independent uniform words it starts from, `deal` computes from them (and
-    from the values of earlier requests) the values to be shared. Names in `binary` are shared by exclusive
-    or, those in `split` are shares already, the party as leading axis; the others are shared additively.
+    - `uniform`: words that depend on nothing. Every party draws its share from a stream of its own, and the
+      value *is* the sum of the shares (or their exclusive or): the dealer, who knows all streams, sends
+      nothing. Those in `own` are no shares: each party has words of its own.
+    - what `deal` computes from these, and from the values of earlier requests. All parties but one draw their
+      shares; the dealer sends that one the rest, its correction.
+    - `common`: words that the dealer draws, and sends to all.
+
+    Names in `binary` are shared by exclusive or, the others additively.
     """
+
+    @property
+    def uniform(self) -> dict[str, Shape]:
+        return {}
+
+    @property
+    def own(self) -> frozenset[str]:
+        return frozenset()
+
+    @property
+    def common(self) -> dict[str, Shape]:
+        return {}
 
     @property
     def binary(self) -> frozenset[str]:
         return frozenset()
 
-    @property
-    def split(self) -> frozenset[str]:
-        return frozenset()
+    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
+        """The values that depend on others. What is in `own` has the party as leading axis."""
+        return {}
 
-    @property
-    def draws(self) -> tuple[Shape, ...]:
-        return ()
-
-    @abstractmethod
-    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values: ...
+    def join(self, name: str, shares: UInt64[Array, "p ..."]) -> Array:
+        """The value that the parties' shares give; all of them, if they are the parties' own."""
+        if name in self.own:
+            return shares
+        return (sharing.join_xor if name in self.binary else sharing.join_sum)(shares)
 
 
 @dataclass(frozen=True)
 class Mask(Request):
     """A uniform ring element r for each entry, {"mask": shape}, and what its truncation and bits need.
+    Uniform: mask; all else depends on it.
 
     - shift > 0 adds the high part and the top bit, {"high": r >> shift, "top": r >> 63}, additively shared
       (Escudero et al., CRYPTO 2020).
@@ -85,23 +104,21 @@ class Mask(Request):
         return frozenset({"bits", "pairs"})
 
     @property
-    def draws(self) -> tuple[Shape, ...]:
-        sliced = self.bits and not self.words
-        return ((64, bits.columns(math.prod(self.shape))) if sliced else self.shape,)
+    def uniform(self) -> dict[str, Shape]:
+        return {"mask": self.shape}
 
-    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
-        (r,) = draws
+    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
+        r = uniform["mask"]
         values = {}
+        if self.shift:
+            values |= {"high": r >> self.shift, "top": r >> 63}
         if self.bits and self.words:
             values["bits"] = r
         elif self.bits:
-            values["bits"] = r[: self.bits]
+            sliced = ring.bit_slice(r)
+            values["bits"] = sliced[: self.bits]
             if self.pairs:
-                values["pairs"] = r[0 : 2 * self.pairs : 2] & r[1 : 2 * self.pairs : 2]
-            r = ring.bit_unslice(r, self.shape)
-        values["mask"] = r
-        if self.shift:
-            values |= {"high": r >> self.shift, "top": r >> 63}
+                values["pairs"] = sliced[0 : 2 * self.pairs : 2] & sliced[1 : 2 * self.pairs : 2]
         return values
 
 
@@ -119,7 +136,7 @@ class Zero(Request):
     def binary(self) -> frozenset[str]:
         return frozenset({"zero"} if self.xor else ())
 
-    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
+    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
         return {"zero": jnp.zeros(self.shape, jnp.uint64)}
 
 
@@ -127,27 +144,26 @@ class Zero(Request):
 class WrapCount(Request):
     """A uniform r_i for each party, {"mask": shape}, and how often their signed sum wraps around,
     {"wraps": shape}, additively shared: sum r_i = (sum r_i mod 2^64) + 2^64 wraps, all read as signed.
+    Uniform, and each party's own: mask.
     """
 
     shape: Shape
-    parties: int
 
     @property
-    def split(self) -> frozenset[str]:
+    def uniform(self) -> dict[str, Shape]:
+        return {"mask": self.shape}
+
+    @property
+    def own(self) -> frozenset[str]:
         return frozenset({"mask"})
 
-    @property
-    def draws(self) -> tuple[Shape, ...]:
-        return ((self.parties, *self.shape),)
-
-    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
-        (r,) = draws
-        return {"mask": r, "wraps": sharing.wraps(r)}
+    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
+        return {"wraps": sharing.wraps(uniform["mask"])}
 
 
 @dataclass(frozen=True)
 class _OfTwo(Request):
-    """A request for something of two earlier values, which draws nothing of its own."""
+    """A request for something of two earlier values: nothing of it is uniform."""
 
     left: Ref
     right: Ref
@@ -164,7 +180,7 @@ class Product(_OfTwo):
     With its two factors it is a Beaver triple (Beaver, CRYPTO 1991).
     """
 
-    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
+    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
         left, right = self.factors(earlier)
         return {"product": left * right}
 
@@ -175,7 +191,7 @@ class DotProduct(_OfTwo):
 
     dimension_numbers: DimensionNumbers
 
-    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
+    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
         left, right = self.factors(earlier)
         return {"product": ring.dot_general(left, right, self.dimension_numbers)}
 
@@ -183,7 +199,7 @@ class DotProduct(_OfTwo):
 @dataclass(frozen=True)
 class SharedBits(Request):
     """Uniform bits shared both ways: {"words": [*rows, B]}, 64 bits to a word, by exclusive or, and {"bits":
-    [*rows, *shape]}, values 0 or 1, additively (daBits: Rotaru and Wood, INDOCRYPT 2019).
+    [*rows, *shape]}, values 0 or 1, additively (daBits: Rotaru and Wood, INDOCRYPT 2019). Uniform: words.
     """
 
     shape: Shape
@@ -194,17 +210,18 @@ class SharedBits(Request):
         return frozenset({"words"})
 
     @property
-    def draws(self) -> tuple[Shape, ...]:
-        return ((*self.rows, bits.columns(math.prod(self.shape))),)
+    def uniform(self) -> dict[str, Shape]:
+        return {"words": (*self.rows, bits.columns(math.prod(self.shape)))}
 
-    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
-        return {"words": draws[0], "bits": bits.unpack(draws[0], self.shape)}
+    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
+        return {"bits": bits.unpack(uniform["words"], self.shape)}
 
 
 @dataclass(frozen=True)
 class AndTriple(Request):
     """Words a, b and a & b for the conjunction of one word with several: {"left": shape},
-    {"right": [count, *shape]}, {"product": [count, *shape]}, all shared by exclusive or.
+    {"right": [count, *shape]}, {"product": [count, *shape]}, all shared by exclusive or. Uniform: the first
+    two.
     """
 
     shape: Shape
@@ -215,12 +232,11 @@ class AndTriple(Request):
         return frozenset({"left", "right", "product"})
 
     @property
-    def draws(self) -> tuple[Shape, ...]:
-        return (self.shape, (self.count, *self.shape))
+    def uniform(self) -> dict[str, Shape]:
+        return {"left": self.shape, "right": (self.count, *self.shape)}
 
-    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
-        left, right = draws
-        return {"left": left, "right": right, "product": left[None] & right}
+    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
+        return {"product": uniform["left"][None] & uniform["right"]}
 
 
 class Dealt(NamedTuple):
@@ -244,7 +260,7 @@ class Dealer(Protocol):
 
 @dataclass(frozen=True)
 class Plan:
-    """All requests of a program in order, and the shapes of the values that each one deals."""
+    """All requests of a program in order, and the shapes of what a party has of the values of each."""
 
     requests: tuple[Request, ...]
     shapes: tuple[dict[str, Shape], ...]
@@ -256,21 +272,23 @@ class Planner:
 
     requests: list[Request] = field(default_factory=list)
     values: list[dict[str, jax.ShapeDtypeStruct]] = field(default_factory=list)
+    shapes: list[dict[str, Shape]] = field(default_factory=list)
 
     def take(self, request: Request) -> Dealt:
-        draws = [jax.ShapeDtypeStruct(shape, jnp.uint64) for shape in request.draws]
-        values = jax.eval_shape(request.deal, draws, self.values)
+        words = functools.partial(jax.ShapeDtypeStruct, dtype=jnp.uint64)
+        drawn = {name: words(shape) for name, shape in request.uniform.items()}
+        # Shapes do not depend on the number of parties.
+        joined = {name: words((2, *x.shape)) if name in request.own else x for name, x in drawn.items()}
+        dependent = jax.eval_shape(request.deal, joined, self.values)
+        common = {name: words(shape) for name, shape in request.common.items()}
         self.requests.append(request)
-        self.values.append(values)
-        zeros = {
-            name: jnp.zeros(value.shape[1:] if name in request.split else value.shape, jnp.uint64)
-            for name, value in values.items()
-        }
+        self.values.append(joined | dependent)
+        self.shapes.append({name: x.shape for name, x in (drawn | dependent | common).items()})
+        zeros = {name: jnp.zeros(shape, jnp.uint64) for name, shape in self.shapes[-1].items()}
         return Dealt(len(self.requests) - 1, zeros)
 
     def plan(self) -> Plan:
-        shapes = tuple({name: value.shape for name, value in values.items()} for values in self.values)
-        return Plan(tuple(self.requests), shapes)
+        return Plan(tuple(self.requests), tuple(self.shapes))
 
 
 @dataclass
@@ -305,15 +323,31 @@ class Supply:
         return Dealt(i, self.shares[i])
 
 
-def drawn(plan: Plan, parties: int) -> list[Shape]:
-    """The shapes of all the uniform words that `deal` draws, in its order: for each request those it starts
-    from, then P - 1 shares of each value that is not split already.
+def corrected(plan: Plan, parties: int) -> list[dict[str, int]]:
+    """For each request, the values that depend on others, and which party is sent its part of each: they take
+    turns, whoever has been sent least so far.
     """
-    shapes: list[Shape] = []
-    for request, values in zip(plan.requests, plan.shapes, strict=True):
-        to_share = (shape for name, shape in values.items() if name not in request.split)
-        shapes += [*request.draws, *((parties - 1, *shape) for shape in to_share)]
-    return shapes
+    sent = [0] * parties
+    found: list[dict[str, int]] = []
+    for request, shapes in zip(plan.requests, plan.shapes, strict=True):
+        found.append({})
+        for name, shape in shapes.items():
+            if name not in request.uniform and name not in request.common:
+                found[-1][name] = party = sent.index(min(sent))
+                sent[party] += math.prod(shape)
+    return found
+
+
+def words_needed(plan: Plan, parties: int) -> list[int]:
+    """How many uniform words each party draws: its shares of all that is uniform, and of all else but what it
+    is sent.
+    """
+    needed = [0] * parties
+    for request, shapes, sent in zip(plan.requests, plan.shapes, corrected(plan, parties), strict=True):
+        for name in shapes.keys() - request.common.keys():
+            for party in range(parties):
+                needed[party] += math.prod(shapes[name]) * (sent.get(name) != party)
+    return needed
 
 
 def deal(
@@ -321,24 +355,60 @@ def deal(
 ) -> list[dict[str, UInt64[Array, "p ..."]]]:
     """The offline phase: all correlated randomness of a plan, as shares of `parties` parties.
 
-    Every value v that is shared takes P - 1 uniform arrays u_1 ... u_{P-1}; party 0 gets v - sum(u), or v ^
-    u_1 ^ ..., party i gets u_i. All uniform words of the plan come from one draw.
+    Each party has a stream of uniform words, from a key of its own. A uniform value is what the parties'
+    words give together. Of any other value v one party, each in its turn, is sent v - sum(u_i), or the
+    exclusive or, of the words u_i that the others draw.
 
     Returns:
         For each request a dict of uint64 arrays with the party as leading axis.
     """
     sharing.require_parties(parties)
-    uniform = iter(ring.draw(keys.derive(key, "dealer"), drawn(plan, parties), generator))
-
-    def split(request: Request, name: str, value: Array) -> Array:
-        if name in request.split:
-            return value
-        return (sharing.split_xor if name in request.binary else sharing.split_sum)(value, next(uniform))
+    key = keys.derive(key, "dealer")
+    streams = _Streams(keys.derive(key, "party", np.arange(parties)), plan, generator)
+    told = [shape for request in plan.requests for shape in request.common.values()]
+    common = iter(ring.draw(keys.derive(key, "all parties"), told, generator) if told else ())
 
     dealt: list[Values] = []
     supply: list[Values] = []
-    for request, names in zip(plan.requests, plan.shapes, strict=True):
-        values = request.deal([next(uniform) for _ in request.draws], dealt)
-        dealt.append(values)
-        supply.append({name: split(request, name, values[name]) for name in names})
+    for request, sent in zip(plan.requests, corrected(plan, parties), strict=True):
+        shares = {name: streams.of_all(shape) for name, shape in request.uniform.items()}
+        uniform = {name: request.join(name, rows) for name, rows in shares.items()}
+        dependent = request.deal(uniform, dealt)
+        for name, party in sent.items():
+            split = sharing.split_xor if name in request.binary else sharing.split_sum
+            value = dependent[name]
+            others = [streams.of(i, value.shape) for i in range(parties) if i != party]
+            shares[name] = jnp.stack(split(value, others, party))
+        for name, shape in request.common.items():
+            shares[name] = jnp.broadcast_to(next(common), (parties, *shape))
+        dealt.append(uniform | dependent)
+        supply.append(shares)
     return supply
+
+
+class _Streams:
+    """The uniform words of all parties. First come their shares of what is uniform, at the same places of all
+    streams; what follows each party cuts off for itself.
+    """
+
+    def __init__(self, party_keys: Array, plan: Plan, generator: Generator):
+        parties = len(party_keys)
+        # One draw for all, as long as the longest; since corrections take turns, they hardly differ.
+        self.length = max(words_needed(plan, parties))
+        draw = functools.partial(ring.draw, shapes=[(self.length,)], generator=generator)
+        (self.words,) = jax.vmap(draw)(party_keys)
+        self.all_at = 0
+        of_all = sum(math.prod(shape) for request in plan.requests for shape in request.uniform.values())
+        self.at = [of_all] * parties
+
+    def of_all(self, shape: Shape) -> UInt64[Array, "p ..."]:
+        """The next words of all parties."""
+        start, self.all_at = self.all_at, self.all_at + math.prod(shape)
+        parties = len(self.at)
+        return lax.slice(self.words, (0, start), (parties, self.all_at)).reshape(parties, *shape)
+
+    def of(self, party: int, shape: Shape) -> UInt64[Array, "..."]:
+        """The next words of one party."""
+        start = self.at[party]
+        self.at[party] += math.prod(shape)
+        return lax.slice(self.words, (party, start), (party + 1, self.at[party])).reshape(shape)

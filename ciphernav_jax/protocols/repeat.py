@@ -36,28 +36,42 @@ class Repeated(Request):
         requests = enumerate(self.plan.requests)
         return frozenset(f"{i}/{name}" for i, request in requests for name in getattr(request, kind))
 
+    def _shapes(self, kind: str) -> dict[str, Shape]:
+        return {
+            f"{i}/{name}": (self.times, *shape)
+            for i, request in enumerate(self.plan.requests)
+            for name, shape in getattr(request, kind).items()
+        }
+
+    @property
+    def uniform(self) -> dict[str, Shape]:
+        return self._shapes("uniform")
+
+    @property
+    def own(self) -> frozenset[str]:
+        return self._names("own")
+
+    @property
+    def common(self) -> dict[str, Shape]:
+        return self._shapes("common")
+
     @property
     def binary(self) -> frozenset[str]:
         return self._names("binary")
 
-    @property
-    def split(self) -> frozenset[str]:
-        return self._names("split")
+    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
+        def once(uniform: Values) -> Values:
+            dealt, found = [], {}
+            for i, request in enumerate(self.plan.requests):
+                drawn = {name: uniform[f"{i}/{name}"] for name in request.uniform}
+                dependent = request.deal(drawn, dealt)
+                dealt.append(drawn | dependent)
+                found |= {f"{i}/{name}": x for name, x in dependent.items()}
+            return found
 
-    @property
-    def draws(self) -> tuple[Shape, ...]:
-        return tuple((self.times, *shape) for request in self.plan.requests for shape in request.draws)
-
-    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
-        def once(draws: Sequence[Array]) -> Values:
-            uniform, dealt = iter(draws), []
-            for request in self.plan.requests:
-                dealt.append(request.deal([next(uniform) for _ in request.draws], dealt))
-            return {f"{i}/{name}": x for i, values in enumerate(dealt) for name, x in values.items()}
-
-        values = jax.vmap(once, axis_size=self.times)(draws)
-        # What is split already has the party as leading axis, before the times.
-        return {name: jnp.moveaxis(x, 0, 1) if name in self.split else x for name, x in values.items()}
+        # The parties' own words have the party as leading axis, before the times.
+        axes = {name: int(name in self.own) for name in uniform}
+        return jax.vmap(once, in_axes=(axes,), axis_size=self.times)(uniform)
 
 
 def take_repeated(dealer: Dealer, plan: Plan, times: int) -> list[Values]:
@@ -79,18 +93,10 @@ class OnCall(Request):
     """
 
     plan: Plan
-    parties: int
 
     @property
-    def split(self) -> frozenset[str]:
-        return frozenset({"seed"})
-
-    @property
-    def draws(self) -> tuple[Shape, ...]:
-        return ((1,),)
-
-    def deal(self, draws: Sequence[Array], earlier: Sequence[Values]) -> Values:
-        return {"seed": jnp.broadcast_to(draws[0], (self.parties, 1))}
+    def common(self) -> dict[str, Shape]:
+        return {"seed": (1,)}
 
 
 def take_on_call(

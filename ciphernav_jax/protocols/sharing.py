@@ -5,6 +5,8 @@
 """
 
 import functools
+import operator
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -21,14 +23,18 @@ def require_parties(parties: int) -> None:
         raise ValueError(f"secret sharing needs at least two parties, got parties={parties}")
 
 
-def split_sum(x: UInt64[Array, "..."], uniform: UInt64[Array, "p-1 ..."]) -> UInt64[Array, "p ..."]:
-    """Additive shares of x from P - 1 uniform arrays: x - sum(uniform), then those arrays."""
-    return jnp.concatenate([(x - jnp.sum(uniform, axis=0, dtype=jnp.uint64))[None], uniform])
+def split_sum(
+    x: UInt64[Array, "..."], uniform: Sequence[UInt64[Array, "..."]], place: int = 0
+) -> list[UInt64[Array, "..."]]:
+    """Additive shares of x from P - 1 uniform arrays: these, and at `place` x - sum(uniform)."""
+    return [*uniform[:place], functools.reduce(operator.sub, uniform, x), *uniform[place:]]
 
 
-def split_xor(x: UInt64[Array, "..."], uniform: UInt64[Array, "p-1 ..."]) -> UInt64[Array, "p ..."]:
-    """Shares of x by exclusive or from P - 1 uniform arrays."""
-    return jnp.concatenate([(x ^ lax.reduce_xor(uniform, axes=(0,)))[None], uniform])
+def split_xor(
+    x: UInt64[Array, "..."], uniform: Sequence[UInt64[Array, "..."]], place: int = 0
+) -> list[UInt64[Array, "..."]]:
+    """Shares of x by exclusive or from P - 1 uniform arrays: these, and at `place` what is left."""
+    return [*uniform[:place], functools.reduce(operator.xor, uniform, x), *uniform[place:]]
 
 
 def join_sum(shares: UInt64[Array, "p ..."]) -> UInt64[Array, "..."]:
@@ -62,5 +68,4 @@ def share_ring(
 ) -> UInt64[Array, "p ..."]:
     """Fresh additive shares of ring elements for `parties` >= 2 parties, from `key` alone."""
     require_parties(parties)
-    (uniform,) = ring.draw(key, [(parties - 1, *x.shape)], generator)
-    return split_sum(x, uniform)
+    return jnp.stack(split_sum(x, ring.draw(key, [x.shape] * (parties - 1), generator)))

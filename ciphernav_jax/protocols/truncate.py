@@ -116,7 +116,7 @@ def wrap_count(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> UInt64[Ar
     """
     if not shift:
         return x
-    mask = dealer.take(WrapCount(x.shape, lax.axis_size(AXIS)))
+    mask = dealer.take(WrapCount(x.shape))
     z = x + mask["mask"]
     own = sharing.wraps(jnp.stack([x, mask["mask"]]))
     total = from_party_zero(sharing.wraps(open_shares(z))) + own - mask["wraps"]

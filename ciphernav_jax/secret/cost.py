@@ -2,24 +2,27 @@
 
 import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from rich.console import Console, Group
 from rich.table import Table
 
-from ciphernav_jax.protocols.dealer import Plan, Request, deal, drawn
+from ciphernav_jax.protocols.dealer import Plan, Request, corrected, deal, words_needed
 from ciphernav_jax.protocols.jaxprs import labels
 from ciphernav_jax.protocols.messages import Opening, depth, first_uses, openings
 from ciphernav_jax.protocols.repeat import OnCall, Repeated
 from ciphernav_jax.protocols.run import one_partys_jaxpr, online, plan
 from ciphernav_jax.secret.secure import Secure
 
-WORD = 8  # bytes
+# Bytes.
+WORD = 8
+SEED = 16
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,8 @@ WAN = Network("WAN", 20e-3, 400e6)
 
 @dataclass(frozen=True)
 class Delivery:
-    """What the dealer hands to each party of one request's values: `words` uint64 words.
+    """What the dealer sends of one request's values: uint64 words, to each party. What is uniform, all draw
+    from their seeds; of any other value one party is sent its share.
 
     `request` is the kind of it (`protocols.dealer`), `protocol` and `primitive` are those that use it first.
     A request in the body of a loop counts for all iterations at once, under its own kind. `on_call` are the
@@ -50,17 +54,18 @@ class Delivery:
     request: str
     protocol: str
     primitive: str
-    words: int
-    on_call: int = 0
+    words: tuple[int, ...]
+    on_call: tuple[int, ...]
 
     @property
     def size(self) -> int:
-        return WORD * self.words
+        """Bytes, to all parties together."""
+        return WORD * sum(self.words)
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a cost table; what it counts is each party's.
+    """One line of a cost table. What is opened and sent, each party opens and sends.
 
     Attributes:
         name: of a protocol, a primitive, or a kind of request.
@@ -68,7 +73,8 @@ class Row:
         rounds: rounds in which some are sent. Rows may share a round: this column does not add up.
         words: entries sent to each other party.
         bytes_sent: to all other parties together.
-        bytes_dealt: of correlated randomness, received before the program starts.
+        bytes_dealt: of correlated randomness, sent by the dealer to all parties together, before the program
+            starts; without the parties' seeds.
     """
 
     name: str
@@ -81,13 +87,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Cost:
-    """What one call costs each party; made by `cost`, printed as a table.
+    """What one call costs; made by `cost`, printed as a table.
 
     Attributes:
         parties: P.
         openings: every opening of the program, in its order.
-        deliveries: the correlated randomness that each party receives.
-        uniform_words: uint64 words that the dealer draws for all parties.
+        deliveries: what the dealer sends of each request for correlated randomness.
+        uniform_words: uint64 words that all parties draw, the dealer too, who knows all streams.
     """
 
     parties: int
@@ -111,19 +117,29 @@ class Cost:
         return sum(opening.size for opening in self.openings) * (self.parties - 1)
 
     @property
-    def bytes_dealt(self) -> int:
-        """Bytes of correlated randomness that each party receives from the dealer, before the program starts.
-
-        All but party 0 receive uniform words alone, and could be sent a seed in their place.
+    def bytes_dealt_to(self) -> tuple[int, ...]:
+        """Bytes that each party receives from the dealer, before the program starts: a seed of 16, from which
+        it draws what is uniform, and its corrections. They take turns, so all receive about as much.
         """
-        return sum(delivery.size for delivery in self.deliveries)
+        seed = SEED if self.deliveries else 0
+        return tuple(
+            seed + WORD * sum(delivery.words[party] for delivery in self.deliveries)
+            for party in range(self.parties)
+        )
+
+    @property
+    def bytes_dealt(self) -> int:
+        """Bytes that the dealer sends to all parties together, before the program starts. But for the seeds,
+        they are as many for any number of parties.
+        """
+        return sum(self.bytes_dealt_to)
 
     @property
     def bytes_on_call(self) -> int:
-        """Bytes of correlated randomness that each party receives from the dealer while it runs, for one
-        iteration of each `while`: how many there will be, nobody knows beforehand.
+        """Bytes that the dealer sends to all parties together while the program runs, for one iteration of
+        each `while`: how many there will be, nobody knows beforehand.
         """
-        return WORD * sum(delivery.on_call for delivery in self.deliveries)
+        return WORD * sum(sum(delivery.on_call) for delivery in self.deliveries)
 
     @property
     def ideal(self) -> int:
@@ -186,6 +202,7 @@ class Cost:
             "messages": self.messages,
             "bytes_sent": self.bytes_sent,
             "bytes_dealt": self.bytes_dealt,
+            "bytes_dealt_to": list(self.bytes_dealt_to),
             "bytes_on_call": self.bytes_on_call,
             "uniform_words": self.uniform_words,
             "ideal": self.ideal,
@@ -201,7 +218,7 @@ class Cost:
         lines = [
             f"Each of {self.parties} parties: {self.rounds} round{'s' * (self.rounds != 1)}"
             f"{' or more' * self.unbounded}, "
-            f"{_size(self.bytes_sent)} sent; before that, {_size(self.bytes_dealt)} from the dealer.",
+            f"{_size(self.bytes_sent)} sent. Before that, the dealer sends {_size(self.bytes_dealt)} to all.",
             "Projected, without computation: "
             + ", ".join(f"{_time(self.seconds(network))} on {network.name}" for network in (LAN, WAN))
             + ".",
@@ -209,9 +226,7 @@ class Cost:
         if self.unbounded:
             lines.append("A while loop is counted for one iteration.")
         if self.bytes_on_call:
-            lines.append(
-                f"The dealer is on call for it, and hands out {_size(self.bytes_on_call)} meanwhile."
-            )
+            lines.append(f"The dealer is on call for it, and sends {_size(self.bytes_on_call)} meanwhile.")
         if self.ideal:
             lines.append(f"ideal: {self.ideal} openings by a trusted third party, not a protocol.")
         return "\n".join(lines)
@@ -244,7 +259,7 @@ class Cost:
 
 
 def cost(step: Secure, *args: Any) -> Cost:
-    """Rounds and bytes of `step(key, *args)` for each party, and what the dealer hands out. Nothing is run.
+    """Rounds and bytes of `step(key, *args)` for each party, and what the dealer sends. Nothing is run.
 
     Everything is read from the jaxpr of one party's program, the same that is run. An opening sends 8 bytes
     an entry to each of the P - 1 other parties, in the round after the last opening that it depends on;
@@ -271,8 +286,8 @@ def cost(step: Secure, *args: Any) -> Cost:
         needed = plan(program, parties, private, public)
         supply = jax.eval_shape(partial(deal, plan=needed, parties=parties), key)
         jaxpr, (mine, known) = one_partys_jaxpr(online(program, needed), parties, (supply, private), public)
-        handed = _deliveries(needed, supply, first_uses(jaxpr.jaxpr))
-        uniform_words = sum(map(math.prod, drawn(needed, parties)))
+        handed = _deliveries(needed, parties, supply, first_uses(jaxpr.jaxpr))
+        uniform_words = sum(words_needed(needed, parties))
         counted.append(Cost(parties, openings(jaxpr), handed, uniform_words))
         mine = jax.tree.map(lambda x: jnp.zeros((parties, *x.shape), x.dtype), mine)
         return mine, jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), known)
@@ -287,32 +302,36 @@ def require_step(step: Any) -> None:
         raise TypeError(f"expected a function made by secure(f), got {type(step).__name__}")
 
 
-def _deliveries(needed: Plan, supply: Any, uses: dict[int, str]) -> tuple[Delivery, ...]:
+def _deliveries(needed: Plan, parties: int, supply: Any, uses: dict[int, str]) -> tuple[Delivery, ...]:
     """One for each request, those of loops' bodies included. `uses` are the first uses of the program's
     inputs, of which `supply` is first.
     """
+    sent = corrected(needed, parties)
     found: dict[tuple[int, ...], Request] = {}
-    words: dict[tuple[int, ...], int] = {}
+    words: dict[tuple[int, ...], np.ndarray] = {}
     first: dict[tuple[int, ...], tuple[int, str]] = {}
     order = {i: n for n, i in enumerate(uses)}
     for i, (path, value) in enumerate(jax.tree_util.tree_leaves_with_path(supply)):
-        place, request = _place(needed, path[0].idx, path[1].key)
+        number, name = path[0].idx, path[1].key
+        place, request = _place(needed, number, name)
         found[place] = request
-        words[place] = words.get(place, 0) + math.prod(value.shape[1:])
+        words.setdefault(place, np.zeros(parties, np.int64))
+        if name in sent[number]:
+            words[place][sent[number][name]] += math.prod(value.shape[1:])
         if i in uses:
             first[place] = min(first.get(place, (order[i], uses[i])), (order[i], uses[i]))
 
     def delivery(place: tuple[int, ...]) -> Delivery:
         _, use = first.get(place, (0, ""))
         protocols, primitives = (labels(use, kind) for kind in ("protocol", "primitive"))
-        request = found[place]
+        # So often is the loop entered for which the dealer is on call.
+        times = math.prod(_times(needed, place))
         return Delivery(
-            request=type(request).__name__,
+            request=type(found[place]).__name__,
             protocol=protocols[0] if protocols else "",
             primitive=primitives[-1] if primitives else "",
-            words=words[place],
-            # A seed is one word: as many words, as many sessions.
-            on_call=words[place] * _on_call(request),
+            words=tuple(words[place].tolist()),
+            on_call=tuple((times * _on_call(found[place], parties)).tolist()),
         )
 
     return tuple(map(delivery, sorted(found)))
@@ -330,23 +349,29 @@ def _place(plan: Plan, number: int, name: str) -> tuple[tuple[int, ...], Request
     return (number, *place), request
 
 
-def _words(plan: Plan) -> int:
-    """What each party receives of one dealing of a plan, with one of each session on call within."""
-    return sum(
-        math.prod(shape[1:] if name in request.split else shape)
-        for request, values in zip(plan.requests, plan.shapes, strict=True)
-        for name, shape in values.items()
-    ) + sum(_on_call(request) for request in plan.requests)
+def _times(plan: Plan, place: tuple[int, ...]) -> Iterator[int]:
+    """How often each loop on the way to a place is run."""
+    for number in place[:-1]:
+        request = plan.requests[number]
+        yield request.times
+        plan = request.plan
 
 
-def _on_call(request: Request) -> int:
-    """Words that a dealer on call adds for each iteration of the loop that a request is for."""
-    match request:
-        case OnCall(plan=plan):
-            return _words(plan)
-        case Repeated(plan=plan, times=times):
-            return times * sum(map(_on_call, plan.requests))
-    return 0
+def _on_call(request: Request, parties: int) -> np.ndarray:
+    """int64[P]: words that a dealer on call sends to each party for one iteration of the loop that a request
+    is for, with one of each such loop within.
+    """
+    words = np.zeros(parties, np.int64)
+    if isinstance(request, Repeated):
+        for inner in request.plan.requests:
+            words += request.times * _on_call(inner, parties)
+    elif isinstance(request, OnCall):
+        plan = request.plan
+        for inner, shapes, sent in zip(plan.requests, plan.shapes, corrected(plan, parties), strict=True):
+            for name, party in sent.items():
+                words[party] += math.prod(shapes[name])
+            words += _on_call(inner, parties)
+    return words
 
 
 def _size(count: int) -> str:

@@ -30,7 +30,6 @@ from jax import Array, lax
 
 from ciphernav_jax.jax_private import ClosedJaxpr, jaxpr_as_fun, scan_parts
 from ciphernav_jax.protocols.dealer import Dealer, Plan, Planner, Supply
-from ciphernav_jax.protocols.party import AXIS
 from ciphernav_jax.protocols.repeat import OnCall, take_on_call, take_repeated
 from ciphernav_jax.secret import bounds
 from ciphernav_jax.secret.findings import Findings
@@ -315,7 +314,7 @@ def while_loop(
     if all(isinstance(x, np.ndarray) for x in public):
         length = _iterations(cond_jaxpr, body_jaxpr, cond_consts, consts, start)
         return _counted(evaluate, context, body_jaxpr, consts, start, length=length)
-    seed = context.dealer.take(OnCall(body.traced.plan, lax.axis_size(AXIS)))["seed"]
+    seed = context.dealer.take(OnCall(body.traced.plan))["seed"]
 
     def iterate(state):
         i, state = state

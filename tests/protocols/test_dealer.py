@@ -1,5 +1,4 @@
 import functools
-import math
 
 import jax
 import jax.numpy as jnp
@@ -7,6 +6,7 @@ import numpy as np
 import pytest
 from simulated import PARTIES, joint_uniformity
 
+from ciphernav_jax import ring
 from ciphernav_jax.protocols import sharing
 from ciphernav_jax.protocols.dealer import (
     AndTriple,
@@ -20,10 +20,12 @@ from ciphernav_jax.protocols.dealer import (
     Supply,
     WrapCount,
     Zero,
+    corrected,
     deal,
+    words_needed,
 )
 from ciphernav_jax.protocols.run import plan, run
-from ciphernav_jax.ring import bits
+from ciphernav_jax.ring import bits, keys
 
 ROWS_BY_COLUMNS = (((1,), (0,)), ((), ()))
 REQUESTS = (
@@ -120,7 +122,7 @@ def test_shares_of_nothing_are_random_and_give_nothing(parties):
 
 @pytest.mark.parametrize("parties", [*PARTIES, 8])
 def test_wraps_are_those_of_the_parties_own_numbers(parties):
-    request = WrapCount((300,), parties)
+    request = WrapCount((300,))
     asked = plan(lambda dealer, *_: (dealer.take(request).shares, None), parties, None, None)
     (supply,) = jax.jit(lambda key: deal(key, asked, parties))(jax.random.key(14))
     assert supply["mask"].shape == (parties, 300)
@@ -158,12 +160,37 @@ def test_a_triple_of_words_is_a_conjunction(parties):
     np.testing.assert_array_equal(triple["product"], triple["left"][None] & triple["right"])
 
 
-def test_no_two_uniform_values_of_a_plan_share_a_word():
-    uniform = [
-        values[name] for values in joined(3) for name in ("mask", "left", "right", "words") if name in values
-    ]
-    together = np.concatenate([np.ravel(x) for x in uniform])
-    assert len(np.unique(together)) == together.size == sum(math.prod(x.shape) for x in uniform)
+def test_no_two_shares_of_a_plan_are_the_same_word():
+    together = np.concatenate([np.ravel(x) for values in dealt(3) for x in values.values()])
+    assert len(np.unique(together)) == together.size
+
+
+@pytest.mark.parametrize(("parties", "generator"), [(2, "threefry"), (5, "threefry"), (3, "chacha20")])
+def test_a_party_draws_all_its_shares_from_its_own_seed_but_those_that_it_is_sent(parties, generator):
+    """So that a dealer sends a seed, and what `corrected` says."""
+    sent = corrected(needed(), parties)
+    assert {party for of_request in sent for party in of_request.values()} == set(range(parties))
+    supply = jax.jit(lambda key: deal(key, needed(), parties, generator))(jax.random.key(11))
+    length = max(words_needed(needed(), parties))
+    for party in range(parties):
+        uniform, dependent = [], []
+        for request, values, corrections in zip(REQUESTS, supply, sent, strict=True):
+            uniform += [np.ravel(values[name][party]) for name in request.uniform]
+            dependent += [np.ravel(values[name][party]) for name, to in corrections.items() if to != party]
+        own = np.concatenate([*uniform, *dependent])
+        assert own.size == words_needed(needed(), parties)[party]
+        seed = keys.derive(jax.random.key(11), "dealer", "party", party)
+        (stream,) = jax.jit(ring.draw, static_argnums=(1, 2))(seed, ((length,),), generator)
+        np.testing.assert_array_equal(own, stream[: own.size])
+
+
+def test_what_is_uniform_is_sent_to_nobody_and_all_else_to_one():
+    for request, of_request, values in zip(REQUESTS, corrected(needed(), 3), needed().shapes, strict=True):
+        assert {*of_request} | {*request.uniform} == {*values}
+    uniform = {name for request in REQUESTS for name in request.uniform}
+    dependent = {name for of_request in corrected(needed(), 3) for name in of_request}
+    assert uniform == {"mask", "left", "right", "words"}
+    assert dependent == {"high", "top", "bits", "pairs", "product", "zero"}
 
 
 @pytest.mark.parametrize("parties", PARTIES)
@@ -185,11 +212,11 @@ def test_all_but_one_party_see_uniform_words_for_every_kind_of_request(parties):
 
 
 def test_a_dealer_that_hands_out_values_in_the_clear_is_noticed(monkeypatch):
-    monkeypatch.setattr(sharing, "split_sum", lambda x, uniform: jnp.concatenate([x[None], 0 * uniform]))
+    monkeypatch.setattr(sharing, "split_sum", lambda x, uniform, place: [x, 0 * x])
     asked = plan(lambda dealer, *_: (dealer.take(Mask((8192,), 20)).shares, None), 2, None, None)
     (supply,) = deal(jax.random.key(13), asked, 2)
-    assert joint_uniformity([supply["mask"][1]]) < 1e-100
     assert joint_uniformity([supply["high"][0]]) < 1e-100
+    assert joint_uniformity([supply["top"][1]]) < 1e-100
 
 
 def test_a_program_that_departs_from_its_plan_raises():

@@ -13,10 +13,9 @@ from ciphernav_jax.protocols import sharing
 share = jax.jit(sharing.share_ring, static_argnums=2)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 3))
-def split(splitter, key, x, parties):
-    (uniform,) = ring.draw(key, [(parties - 1, *x.shape)])
-    return splitter(x, uniform)
+@functools.partial(jax.jit, static_argnums=(0, 3, 4))
+def split(splitter, key, x, parties, place=0):
+    return jnp.stack(splitter(x, ring.draw(key, [x.shape] * (parties - 1)), place))
 
 
 @pytest.mark.parametrize("parties", [*PARTIES, 16])
@@ -34,6 +33,16 @@ def test_binary_shares_join_by_exclusive_or(parties):
     shares = np.asarray(split(sharing.split_xor, jax.random.key(2), x, parties))
     np.testing.assert_array_equal(functools.reduce(np.bitwise_xor, shares), x)
     np.testing.assert_array_equal(sharing.join_xor(shares), x)
+
+
+@pytest.mark.parametrize("splitter", [sharing.split_sum, sharing.split_xor])
+def test_whoever_is_sent_its_share_the_others_draw_the_same(splitter):
+    x = elements([*EDGES])
+    first, *drawn = split(splitter, jax.random.key(5), x, 3)
+    for place in (1, 2):
+        shares = list(split(splitter, jax.random.key(5), x, 3, place))
+        np.testing.assert_array_equal(shares.pop(place), first)
+        np.testing.assert_array_equal(shares, drawn)
 
 
 def company_sees(shares):

@@ -17,6 +17,7 @@ import pytest
 import ciphernav_jax as cn
 from ciphernav_jax import ring
 from ciphernav_jax.protocols.messages import Opening
+from ciphernav_jax.secret import view
 from ciphernav_jax.secret.cost import Cost
 
 from .message_process import PARTIES, calls
@@ -49,13 +50,18 @@ def relu_sent(n):
     return n + columns(n) * (3 * (16 + 8 + 4 + 2) + 2 + 1)
 
 
+def relu_uniform(n):
+    """A mask; two words for the one factor of each AND and a third for its other, but at the root; a bit."""
+    return n + columns(n) * (3 * (16 + 8 + 4 + 2) + 2 + 1)
+
+
 def relu_dealt(n, shift):
-    """A mask, its bits and pairs; three words for each AND of two, twice two for its second factor; a bit in
-    both sharings; its product with the mask, or with both parts of a truncated one.
+    """A mask's parts, bits and pairs; the product of each AND, twice where it has two others; a bit as a
+    number; its product with the mask, or with both parts of a truncated one.
     """
-    truncated = n * 2 if shift else 0
-    products = n * (2 if shift else 1)
-    return n + truncated + columns(n) * (64 + 31 + 5 * (16 + 8 + 4 + 2) + 3 + 1) + n + products
+    parts = 2 if shift else 0
+    products = 2 if shift else 1
+    return n * (parts + 1 + products) + columns(n) * (64 + 31 + 2 * (16 + 8 + 4 + 2) + 1)
 
 
 @pytest.mark.parametrize("parties", [2, 3, 8])
@@ -64,9 +70,8 @@ def test_relu(parties):
     found = cost(jax.nn.relu, (n,), parties=parties)
     assert (found.parties, found.rounds, found.messages) == (parties, 7, 7 * (parties - 1))
     assert found.bytes_sent == 8 * (parties - 1) * relu_sent(n)
-    assert found.bytes_dealt == 8 * relu_dealt(n, shift=0)
-    drawn = columns(n) * (64 + 3 * (16 + 8 + 4 + 2) + 2 + 1)
-    assert found.uniform_words == drawn + (parties - 1) * relu_dealt(n, shift=0)
+    assert found.bytes_dealt == 16 * parties + 8 * relu_dealt(n, shift=0)
+    assert found.uniform_words == parties * relu_uniform(n) + (parties - 1) * relu_dealt(n, shift=0)
     assert not found.unbounded
     assert found.ideal == 0
 
@@ -81,9 +86,8 @@ def test_a_network_layer_by_layer():
     # All factors but the hidden layer are opened at once; the last product is truncated.
     assert found.rounds == 1 + 7 + 1 + 1
     assert found.bytes_sent == 8 * 2 * (factors + relu_sent(n) + n + ROWS * OUT)
-    masks = factors + n
     triples = ROWS * HIDDEN + ROWS * OUT
-    assert found.bytes_dealt == 8 * (masks + triples + relu_dealt(n, shift=20) + 3 * ROWS * OUT)
+    assert found.bytes_dealt == 16 * 3 + 8 * (triples + relu_dealt(n, shift=20) + 2 * ROWS * OUT)
 
     products, relus, output = found.by_primitive
     assert [row.name for row in found.by_primitive] == ["dot_general", "max", "output"]
@@ -112,9 +116,9 @@ def training():
 def test_every_part_is_in_one_row_of_each_grouping(training):
     for rows in (training.by_protocol, training.by_primitive):
         assert sum(row.bytes_sent for row in rows) == training.bytes_sent
-        assert sum(row.bytes_dealt for row in rows) == training.bytes_dealt
+        assert 16 * 5 + sum(row.bytes_dealt for row in rows) == training.bytes_dealt
         assert "(none)" not in [row.name for row in rows]
-    assert sum(row.bytes_dealt for row in training.by_request) == training.bytes_dealt
+    assert 16 * 5 + sum(row.bytes_dealt for row in training.by_request) == training.bytes_dealt
     assert {row.name for row in training.by_request} >= {"Mask", "AndTriple", "SharedBits", "Product"}
     rounds = [r for opening in training.openings for r in opening.rounds]
     assert set(rounds) == set(range(1, training.rounds + 1))
@@ -122,7 +126,8 @@ def test_every_part_is_in_one_row_of_each_grouping(training):
 
 def test_the_table_shows_the_totals(training):
     text = str(training)
-    assert f"5 parties: {training.rounds} rounds, {training.bytes_sent / 1e3:.3g} kB sent" in text
+    assert f"5 parties: {training.rounds} rounds, {training.bytes_sent / 1e3:.3g} kB sent." in text
+    assert f"the dealer sends {training.bytes_dealt / 1e3:.3g} kB to all" in text
     for row in (*training.by_primitive, *training.by_protocol):
         assert f" {row.name} " in text
         assert f"{row.words:,}" in text
@@ -182,15 +187,15 @@ def test_a_dealer_on_call_deals_a_body_for_each_iteration():
     def scan_in_a_loop(x, n):
         return jax.lax.fori_loop(0, n, lambda i, c: jax.lax.map(lambda row: body(row, row + 1), c), x)
 
-    for function, shape, times, sessions in (
-        (loop, (6,), 1, 1),
-        (loop_in_a_scan, (4, 6), 4, 4),
-        (scan_in_a_loop, (4, 6), 4, 1),
+    for function, shape, times in (
+        (loop, (6,), 1),
+        (loop_in_a_scan, (4, 6), 4),
+        (scan_in_a_loop, (4, 6), 4),
     ):
         found = cn.cost(cn.secure(function), *shares(shape), n)
-        assert found.bytes_on_call == times * once.bytes_dealt
-        assert [(row.name, row.bytes_dealt) for row in found.by_request] == [("OnCall", 8 * sessions)]
-        assert f"on call for it, and hands out {found.bytes_on_call / 1e3:.3g} kB" in str(found)
+        assert found.bytes_on_call == times * sum(row.bytes_dealt for row in once.by_request)
+        assert [(row.name, row.bytes_dealt) for row in found.by_request] == [("OnCall", 0)]
+        assert f"on call for it, and sends {found.bytes_on_call / 1e3:.3g} kB" in str(found)
 
 
 def test_what_is_public_or_local_costs_nothing():
@@ -284,11 +289,8 @@ def test_two_processes_compute_the_simulation_s_shares(name, exchanged):
             np.testing.assert_array_equal(own, shares[rank : rank + 1])
 
 
-@pytest.mark.parametrize("truncation", ["probabilistic", "nearest", "wrap-count"])
-def test_the_dealer_draws_the_words_that_are_counted(truncation, monkeypatch):
-    """Also where a request gives shares as they are, which nobody splits."""
-    protocol = cn.Protocol(truncation=truncation)
-    x = jax.eval_shape(partial(cn.share, parties=3, protocol=protocol), jax.random.key(0), np.ones(5))
+def draws(step, key, args, monkeypatch):
+    """How many words each stream has that a call draws."""
     drawn = []
     draw = ring.draw
 
@@ -296,5 +298,22 @@ def test_the_dealer_draws_the_words_that_are_counted(truncation, monkeypatch):
         drawn.append(sum(map(math.prod, shapes)))
         return draw(key, shapes, generator)
 
-    monkeypatch.setattr(ring, "draw", noted)
-    assert cn.cost(cn.secure(lambda x: x * x, protocol=protocol), x).uniform_words == drawn[-1]
+    with monkeypatch.context() as patched:
+        patched.setattr(ring, "draw", noted)
+        jax.eval_shape(step.evaluate, key, args)
+    return drawn
+
+
+@pytest.mark.parametrize(("truncation", "parties"), [("probabilistic", 2), ("nearest", 3), ("wrap-count", 5)])
+def test_a_party_draws_all_that_it_holds_and_is_not_sent(truncation, parties, monkeypatch):
+    protocol = cn.Protocol(truncation=truncation)
+    secrets = shares((ROWS, WIDTH), (WIDTH, HIDDEN), (HIDDEN, OUT), parties=parties)
+    step = cn.secure(mlp, protocol=protocol)
+    found = cn.cost(step, *secrets)
+    drawn = draws(step, jax.random.key(0), secrets, monkeypatch)
+    held = jax.eval_shape(view(step), jax.random.key(0), *secrets)[1].dealt
+    words = sum(math.prod(x.shape[1:]) for x in held)
+    needed = [words - (sent - 16) // 8 for sent in found.bytes_dealt_to]
+    assert found.uniform_words == sum(needed)
+    assert drawn == [max(needed)]  # for all parties at once
+    assert max(found.bytes_dealt_to) < 2 * min(found.bytes_dealt_to)  # by turns

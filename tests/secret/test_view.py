@@ -60,9 +60,11 @@ def test_a_party_sees_nothing_of_what_others_hold():
 def test_the_size_is_that_of_the_cost():
     counted = cn.cost(STEP, *ARGS)
     opened = sum(opening.words for opening in counted.openings)
+    # All but one draw a dependent value's share, all draw a uniform one's: P times what each holds.
+    held = (counted.uniform_words + sum(row.bytes_dealt // 8 for row in counted.by_request)) // PARTIES
     # Inputs, what is dealt, what is opened, and what two others send of it.
-    assert sum(x.size for x in of(1)) == X.size + W.size + counted.bytes_dealt // 8 + 3 * opened
-    assert sum(x.size for x in of(0, 1)) == X.size + W.size + counted.bytes_dealt // 8 + 2 * opened
+    assert sum(x.size for x in of(1)) == X.size + W.size + held + 3 * opened
+    assert sum(x.size for x in of(0, 1)) == X.size + W.size + held + 2 * opened
 
 
 def test_several_parties_add_up_their_shares_and_all_of_them_know_everything():
