@@ -98,6 +98,21 @@ def nearest(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> Masked:
 
 
 @labelled
+def wrapped(dealer: Dealer, x: UInt64[Array, "..."], bits: int, *, signed: bool) -> UInt64[Array, "..."]:
+    """The last `bits` bits of x, 1 to 62, as a number of their own: x modulo 2^bits, in [0, 2^bits), or with
+    `signed` in [-2^(bits - 1), 2^(bits - 1)).
+
+    1. with signed take x' = x + 2^(bits - 1), otherwise x' = x; 2. y = floor(x' / 2^bits) by `floor`;
+    3. x - 2^bits [y], local.
+
+    Opened, rounds and correlated randomness: as `floor` with a shift by `bits`. Error: none, over the whole
+    ring: where `floor` fails it is off by 2^(64 - bits), which vanishes in step 3.
+    """
+    half = jnp.full(x.shape, 1 << bits >> 1 if signed else 0, jnp.uint64)
+    return x - (floor(dealer, x + from_party_zero(half), bits).share() << bits)
+
+
+@labelled
 def wrap_count(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> UInt64[Array, "..."]:
     """Each party truncates its own share toward zero; what the shares' sum wraps around is counted and
     taken off. CrypTen's truncation.

@@ -6,6 +6,7 @@
 - `bounds`: how large values may be.
 - `findings`: what the run finds of public numbers where they meet secrets.
 - `value`: a party's share inside a program, with pending truncations and what was computed from it.
+- `integers`: wrapped around, as JAX's are.
 - `scaling`: products with public numbers.
 - `witness`: notes of a program's values and truncations, beside a float64 evaluation.
 - `rules`: one rule for each primitive.

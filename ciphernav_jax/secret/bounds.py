@@ -42,6 +42,13 @@ def resting(protocol: Protocol, frac_bits: int) -> int:
     return 2**62 - 2**protocol.frac_bits if frac_bits else SIGNED
 
 
+def at_rest(protocol: Protocol, dtype: np.dtype) -> int:
+    """Of a result of that type."""
+    if dtype.kind == "b" or (np.issubdtype(dtype, np.integer) and dtype.itemsize < 8):
+        return shared(protocol, dtype)
+    return resting(protocol, 0 if np.issubdtype(dtype, np.integer) else protocol.frac_bits)
+
+
 def truncatable(protocol: Protocol, shift: int) -> int:
     """The largest that can be truncated by so many bits: below 2^62, to which "nearest" adds a half."""
     return 2**62 - (1 << shift >> 1 if protocol.truncation == "nearest" else 0) - 1

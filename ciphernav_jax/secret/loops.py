@@ -99,8 +99,7 @@ def _rest(
 
 
 def _resting(context: Context, dtype: np.dtype) -> Precision:
-    frac_bits = frac_bits_at_rest(context, dtype)
-    return Precision(frac_bits, 1 if dtype == np.bool_ else bounds.resting(context.protocol, frac_bits))
+    return Precision(frac_bits_at_rest(context, dtype), bounds.at_rest(context.protocol, dtype))
 
 
 def _abstract(context: Context, aval: Any, hidden: bool) -> Any:

@@ -23,6 +23,7 @@ from jax import Array, lax
 from ciphernav_jax import ring
 from ciphernav_jax.jax_private import Primitive
 from ciphernav_jax.secret import bounds
+from ciphernav_jax.secret.integers import wrapped
 from ciphernav_jax.secret.scaling import (
     Public,
     dot_public,
@@ -64,8 +65,10 @@ def frac_bits_at_rest(context: Context, dtype: np.dtype) -> int:
 
 
 def at_rest(context: Context, x: Operand, dtype: np.dtype) -> Value:
-    """An operand as a `Secret` of that dtype has it: truncated, of that precision, shared if it is public."""
-    return to_value(context, x).settled.lifted(frac_bits_at_rest(context, dtype))
+    """An operand as a `Secret` of that dtype has it: truncated, of that precision, in the range of an integer
+    type, shared if it is public.
+    """
+    return wrapped(to_value(context, x), dtype).settled.lifted(frac_bits_at_rest(context, dtype))
 
 
 def _is_zero(x: Operand) -> bool:

@@ -24,7 +24,7 @@ from ciphernav_jax.protocols.jaxprs import wrapped
 from ciphernav_jax.protocols.party import from_party_zero
 from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
-from ciphernav_jax.secret import bounds, fresh
+from ciphernav_jax.secret import bounds, fresh, integers
 from ciphernav_jax.secret.array import Secret
 from ciphernav_jax.secret.findings import Findings, NotUsable
 from ciphernav_jax.secret.loops import LOOPS
@@ -315,7 +315,14 @@ def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
         else:
             raise Unsupported("it has no rule")
         with jax.named_scope(f"primitive:{name}"):
-            return rule(context, *operands, **eqn.params)
+            if name in LOOPS:
+                return rule(context, *operands, **eqn.params)
+            return integers.of_its_type(eqn, rule(context, *integers.looked_at(eqn, operands), **eqn.params))
+    except integers.BelowZero:
+        raise NotImplementedError(
+            f"cannot evaluate `{name}` on secret uint64s: the result may fall below 0 and wrap around, where "
+            f"it could not be compared. It comes from {context.place}. Convert to int64 first."
+        ) from None
     except NotUsable as problem:
         raise ValueError(f"{problem}, in `{name}`. It comes from {context.place}.") from None
     except Unsupported as problem:

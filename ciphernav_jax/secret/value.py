@@ -16,6 +16,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 from jaxtyping import UInt64
 
@@ -72,6 +73,7 @@ class Value:
         public: the ring integers, of a value that everybody knows.
         excess: ring integers with the protocol's fractional bits that `relu` adds; see `add`.
         fresh: whether each entry's shares are known to be uniform, whatever the value.
+        in_range: this integer in the ranges of types, of those that were asked for; see `secret.integers`.
         doubled: whether this is a difference of two values that are compared.
         reference, row: where a witness stands beside the program, what the value should be, and the
             equation that made it (`secret.witness`).
@@ -98,6 +100,7 @@ class Value:
         self.bound = bound if self.waits else min(bound, bounds.resting(context.protocol, frac_bits))
         self.form = form
         self.public = public
+        self.in_range: dict[np.dtype, Value] = {}
         self.excess = excess
         self.fresh = fresh
         self.doubled = False

@@ -5,13 +5,28 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
-from simulated import EDGES, PARTIES, elements, on_secrets, signed
+from simulated import EDGES, PARTIES, elements, on_secrets, signed, words
 
 from ciphernav_jax.experiments.failures import failures
 from ciphernav_jax.protocols import Protocol, ideal, truncate
 
 SHIFTS = [*range(1, 41), 61, 62]
 FEW = [1, 20, 40, 62]
+
+
+WIDTHS = [(bits, signed) for bits in (1, 8, 16, 32, 62) for signed in (False, True)]
+
+
+def wrapped(dealer, x):
+    return jnp.stack([truncate.wrapped(dealer, x, bits, signed=signed) for bits, signed in WIDTHS])
+
+
+@pytest.mark.parametrize("parties", [2, 3])
+def test_the_last_bits_are_exact_over_the_whole_ring(parties):
+    x = words(3, 40)
+    for (bits, has_sign), got in zip(WIDTHS, on_secrets(wrapped, parties)(1, x), strict=True):
+        half = 2 ** (bits - 1) if has_sign else 0
+        assert [int(v) for v in signed(got)] == [(int(v) + half) % 2**bits - half for v in x]
 
 
 # Each variant as a program (dealer, share, shift) -> share.

@@ -1,0 +1,79 @@
+"""Secret integers wrap around exactly where JAX's do, whatever is done with them afterwards."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ciphernav_jax as cn
+
+X = {
+    "int8": np.array([100, -128, 127, -1, 0, 5], np.int8),
+    "uint8": np.array([200, 3, 0, 255, 100, 1], np.uint8),
+    "int32": np.array([2**30, -(2**31), 2**31 - 1, -1, 0, 46341], np.int32),
+    "uint32": np.array([2**31, 3, 0, 2**32 - 1, 65536, 1], np.uint32),
+}
+
+
+# name: function of the integers and of the same in reverse
+ALWAYS = {
+    "sum as float": lambda x, y: (x + y).astype(np.float64),
+    "compared": lambda x, y: (x + y > 0, x - y < y),
+    "product": lambda x, y: x * y,
+}
+NARROW = {
+    "negated": lambda x, y: (-x).astype(np.float64),
+    "absolute": lambda x, y: jnp.abs(x) > 0,
+    "times minus one": lambda x, y: x * np.array(-1).astype(x.dtype) > 0,
+    "power to a bool": lambda x, y: (x**3).astype(np.bool_),
+    "clipped": lambda x, y: jnp.clip(x + y, 1, 100),
+    "arg max": lambda x, y: jnp.argmax(x + y),
+    "of the other sign": lambda x, y: (x + y).astype(np.int8 if x.dtype == np.uint8 else np.uint8),
+    "wider": lambda x, y: (x - y).astype(np.int16),
+    "dot": lambda x, y: jax.lax.dot(x + x, y, preferred_element_type=np.int32),
+    "loop": lambda x, y: jax.lax.fori_loop(0, 3, lambda i, c: jnp.where(c > 0, c + y, c + x), x),
+    "select by an integer": lambda x, y: jax.lax.select_n((x + y).astype(np.int32), x, y),
+    "added to entries": lambda x, y: jnp.sum(x.at[np.array([0, 0, 1])].add(y[:3])).astype(np.float64),
+}
+CASES = [(dtype, name) for dtype in X for name in (*ALWAYS, *(NARROW if dtype in ("int8", "uint8") else ()))]
+FUNCTIONS = ALWAYS | NARROW
+
+
+@cache
+def results(parties):
+    protocol = cn.Protocol(comparison="ideal")  # compiles fast
+
+    def all_of(x, y):
+        return {(dtype, name): FUNCTIONS[name](x[dtype], y[dtype]) for dtype, name in CASES}
+
+    secrets = cn.share(jax.random.key(0), (X, {name: x[::-1] for name, x in X.items()}), parties=parties)
+    step = cn.secure(lambda x, y: list(all_of(x, y).values()), protocol=protocol)
+    return dict(zip(CASES, cn.reveal(step(jax.random.key(1), *secrets)), strict=True))
+
+
+@pytest.mark.parametrize(("dtype", "name"), CASES)
+def test_integers_wrap_around_as_in_jax(dtype, name):
+    expected = FUNCTIONS[name](jnp.asarray(X[dtype]), jnp.asarray(X[dtype][::-1]))
+    for got, exact in zip(jax.tree.leaves(results(2)[dtype, name]), jax.tree.leaves(expected), strict=True):
+        assert got.dtype == exact.dtype
+        np.testing.assert_allclose(got, exact, rtol=1e-6)
+
+
+def test_what_cannot_be_out_of_range_is_not_brought_back():
+    x = cn.share(jax.random.key(0), np.array([1.0, -1.0]), parties=2)
+
+    def rounds(f):
+        return cn.cost(cn.secure(f), x).rounds
+
+    counted = rounds(lambda x: jnp.sum((x > 0).astype(np.int8)) > 1)
+    assert counted == rounds(lambda x: jnp.sum((x > 0).astype(np.int64)) > 1)
+
+
+def test_unsigned_integers_of_64_bits_do_not_fall_below_0():
+    x = cn.share(jax.random.key(0), np.array([1, 2], np.uint64), parties=2)
+    for f in (lambda x: x - x[::-1], lambda x: x.astype(np.int64).astype(np.uint64)):
+        with pytest.raises(NotImplementedError, match=r"below 0.*Convert to int64"):
+            cn.secure(f)(jax.random.key(1), x)
+    np.testing.assert_array_equal(cn.reveal(cn.secure(lambda x: 3 * x + 1)(jax.random.key(1), x)), [4, 7])
