@@ -597,6 +597,7 @@ class Kills:
     def __init__(self, ground: Path, folder: Path):
         self._ground, self._folder = ground, folder
         self._whole: dict[str, tuple[int, float, dict[str, Any]]] = {}
+        self.count = 0
 
     def _run(self, words: str, at: int = 0, seconds: float = 0.0) -> tuple[int, str]:
         code = PROGRAM.format(root=str(ROOT), at=at, seconds=seconds)
@@ -635,6 +636,7 @@ class Kills:
                 moment = {"seconds": seconds * rng.random()}
             if self._run(job.words, **moment)[0] == -signal.SIGKILL:
                 moments.append(moment)
+        self.count += len(moments)
         code, said = self._run(job.words)
         same = code == 0 and left(self._folder / job.writes) == expected
         return Case(f"{name}: killed {moments}", "harmless" if same else "other", Ended(code, said))
@@ -673,6 +675,7 @@ def main() -> int:
         for number, name in enumerate(itertools.islice(itertools.cycle(jobs), args.kills)):
             case = kills.kill(name, random.Random(f"{args.seed} {number}"), clock=True)
             report(case, number, counts, f"kill of {name}")
+        print(f"{kills.count} kills")
     for (kind, verdict), count in sorted(counts.items()):
         print(f"{kind}: {verdict} {count}")
     return int(any(verdict == "other" for _, verdict in counts))

@@ -1,6 +1,7 @@
 """A sample of `tests.fuzz`; the script tries many more."""
 
 import random
+import shutil
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,19 @@ def test_what_is_harmed_is_named_or_does_no_harm(ground):
     cases += [ground.option(random.Random(f"sample {number}")) for number in range(60)]
     assert [case for case in cases if case.verdict == "other"] == []
     assert {case.verdict for case in cases} == {"clear", "harmless"}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        f"generate --out new --count 1 --workers 1024 --seed {2**63 - 1}",
+        f"evaluate --model random --data world/test --out new --seed {2**63 - 1}",
+        "sweep --out new --parties 1024 --variant default --steps 1000000000 --time-limit 1e9",
+    ],
+)
+def test_the_ends_of_ranges_are_in_them(ground, tmp_path, words):
+    shutil.copytree(ground.ground / "world", tmp_path / "world")
+    assert fuzz.run(words.split(), tmp_path) == fuzz.Ended(0, "")
 
 
 def scene(name):
