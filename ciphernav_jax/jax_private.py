@@ -44,6 +44,7 @@ __all__ = [
     "origins",
     "place",
     "scan_parts",
+    "side_effects",
     "trace_of",
     "traced_for",
     "traces",
@@ -63,6 +64,9 @@ INLINED = {
 }
 
 
+# The effects of equations that stay within the program: collectives, and references to arrays of its own.
+_INNER = {"NamedAxisEffect", "InternalMutableArrayEffect", "ReadEffect", "WriteEffect", "AccumEffect"}
+
 with jax.ensure_compile_time_eval():
     _NO_TRACE = get_opaque_trace_state()
 
@@ -70,6 +74,11 @@ with jax.ensure_compile_time_eval():
 def is_tracing() -> bool:
     """Whether what is called now becomes part of a jaxpr, or of a vmap or a derivative."""
     return get_opaque_trace_state() != _NO_TRACE
+
+
+def side_effects(x: JaxprEqn | Jaxpr) -> set[str]:
+    """What it does beside computing its results, as JAX names it: prints, calls Python."""
+    return {type(effect).__name__ for effect in x.effects} - _INNER
 
 
 def place(eqn: JaxprEqn) -> str:

@@ -14,9 +14,10 @@ In import order:
 - `truncate`: back to f fractional bits after a product.
 - `relu`: ReLU and selection.
 - `ideal`: what a trusted third party would compute, for sweeps; not protocols.
-- `run`: a program together with its dealer, planned, dealt and run.
 - `jaxprs`: what the equations of a traced program wrap, and under which names they stand.
-- `messages`: all openings of a traced program with their rounds, and the check that nothing else crosses.
+- `locality`: that nothing but openings crosses, and at the same points for all.
+- `run`: a program together with its dealer, planned, dealt and run.
+- `messages`: all openings of a traced program with their rounds.
 - `record`: a run that keeps what is sent and opened.
 
 The adversary is semi-honest: parties follow the program and may pool what they see, up to P - 1 of them; the

@@ -1,31 +1,21 @@
 """What passes between the parties, read from the jaxpr of one party's program: every opening, its size, and
 its round. Nothing is run.
 
-The same walk is the check of locality: a program whose jaxpr reaches other parties by any other way than the
-collectives of `party` is refused.
+A program whose jaxpr reaches other parties by any other way than the collectives of `party` is refused
+(`locality`).
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax
 import numpy as np
 
-from ciphernav_jax.jax_private import GATHER, SUM, ClosedJaxpr, Jaxpr, JaxprEqn, Literal, place
+from ciphernav_jax.jax_private import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, place
 from ciphernav_jax.protocols import party
-from ciphernav_jax.protocols.jaxprs import innermost, labels, names, opened_up, wrapped
-
-# Each collective of `party`, named by its scope, and the primitives that may carry it.
-COLLECTIVES = {
-    party.open_sum.__name__: SUM,
-    party.open_xor.__name__: GATHER,
-    party.open_shares.__name__: GATHER,
-    party.ideal_sum.__name__: SUM,
-}
-# Knows the party axis, and says which party this is: local.
-LOCAL = frozenset({"axis_index"})
+from ciphernav_jax.protocols.jaxprs import labels, names, opened_up, wrapped
+from ciphernav_jax.protocols.locality import collective, inner_jaxprs
 
 
 @dataclass(frozen=True)
@@ -89,39 +79,6 @@ def openings(jaxpr: ClosedJaxpr) -> tuple[Opening, ...]:
 def depth(found: Iterable[Opening]) -> int:
     """The number of rounds that openings take."""
     return max((r for opening in found if not opening.ideal for r in opening.rounds), default=0)
-
-
-def collective(eqn: JaxprEqn, stack: str) -> str | None:
-    """The name of the collective that an equation is, or None where it is local.
-
-    Raises:
-        ValueError: it is neither.
-    """
-    name = eqn.primitive.name
-    if "callback" not in name and (name in LOCAL or not _mentions_the_axis(eqn)):
-        return None
-    scope = innermost(stack)
-    if name in COLLECTIVES.get(scope, ()) and eqn.params.get("axis_index_groups") is None:
-        return scope
-    raise ValueError(
-        f"a party's program leaves the party by `{name}`, at {place(eqn)}. "
-        f"Parties reach each other by {', '.join(COLLECTIVES)} of ciphernav_jax.protocols.party alone."
-    )
-
-
-def inner_jaxprs(eqn: JaxprEqn) -> Iterator[Jaxpr]:
-    """All jaxprs among an equation's parameters."""
-    for value in jax.tree.leaves(list(eqn.params.values())):
-        if isinstance(value, Jaxpr | ClosedJaxpr):
-            yield opened_up(value)[0]
-
-
-def _mentions_the_axis(eqn: JaxprEqn) -> bool:
-    named = [value for key, value in eqn.params.items() if key != "name"]
-    return any(
-        leaf == party.AXIS if isinstance(leaf, str) else isinstance(leaf, frozenset) and party.AXIS in leaf
-        for leaf in jax.tree.leaves(named)
-    )
 
 
 def _walk(jaxpr: Jaxpr, arrivals: Sequence[int], stack: str) -> tuple[list[int], list[Opening]]:

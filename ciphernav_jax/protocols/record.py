@@ -12,7 +12,8 @@ from ciphernav_jax.jax_private import Jaxpr, JaxprEqn, Literal, bind, place, sca
 from ciphernav_jax.protocols import party
 from ciphernav_jax.protocols.dealer import deal
 from ciphernav_jax.protocols.jaxprs import names, opened_up, wrapped
-from ciphernav_jax.protocols.messages import Opening, collective, openings, openings_within
+from ciphernav_jax.protocols.locality import collective
+from ciphernav_jax.protocols.messages import Opening, openings, openings_within
 from ciphernav_jax.protocols.run import DealtProgram, one_partys_jaxpr, online, plan
 from ciphernav_jax.ring.random import Generator
 

@@ -12,6 +12,7 @@ from jax.sharding import Mesh
 
 from ciphernav_jax.protocols import party
 from ciphernav_jax.protocols.dealer import Dealer, Plan, Planner, Supply, deal
+from ciphernav_jax.protocols.locality import require_in_step
 from ciphernav_jax.ring.random import Generator
 
 DealtProgram = Callable[[Dealer, Any, Any], tuple[Any, Any]]
@@ -49,10 +50,15 @@ def one_partys_jaxpr(program: party.Program, parties: int, private: Any, public:
 
     Returns:
         The jaxpr of the program on one party's inputs, and the pytree of shapes that it returns.
+
+    Raises:
+        ValueError: what is opened depends on what other parties do not know (`locality.require_in_step`).
     """
     mine = jax.eval_shape(lambda private: jax.tree.map(lambda x: x[0], private), private)
     trace = jax.make_jaxpr(program, axis_env=[(party.AXIS, parties)], return_shape=True)
-    return trace(mine, public)
+    jaxpr, shapes = trace(mine, public)
+    require_in_step(jaxpr, own=len(jax.tree.leaves(mine)))
+    return jaxpr, shapes
 
 
 def run(

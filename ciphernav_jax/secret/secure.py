@@ -21,6 +21,7 @@ from ciphernav_jax import jax_private, ring
 from ciphernav_jax.jax_private import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Tracer
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.jaxprs import wrapped
+from ciphernav_jax.protocols.locality import equations, leaves
 from ciphernav_jax.protocols.party import from_party_zero
 from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
@@ -28,7 +29,7 @@ from ciphernav_jax.secret import bounds, fresh, integers
 from ciphernav_jax.secret.array import Secret
 from ciphernav_jax.secret.findings import Findings, NotUsable
 from ciphernav_jax.secret.loops import LOOPS
-from ciphernav_jax.secret.places import of_function, place
+from ciphernav_jax.secret.places import Place, of_function, place
 from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.rules import RULES, TYPED, Unsupported, at_rest
 from ciphernav_jax.secret.value import Context, Value
@@ -103,6 +104,7 @@ class Secure:
         jaxpr, shapes = jax.make_jaxpr(self.function, return_shape=True)(*jax.tree.unflatten(tree, abstract))
         closed_over = [x for x in jaxpr.consts if isinstance(x, Tracer)]
         key = fresh.of_each_entry(key, (args, closed_over), "step")
+        _require_local(jaxpr.jaxpr, of_function(self.function))
         outputs, out_tree = jax.tree.flatten(shapes)
         made: list[int | None] = []  # of each output the fractional bits, or None where it is public
 
@@ -168,8 +170,8 @@ def secure(function: Callable[..., Any], *, protocol: Protocol | None = None) ->
         Works under `jax.jit`, `jax.lax.scan` and `jax.vmap`; is itself jitted.
 
     Raises (when called):
-        NotImplementedError: the function uses an operation that has no rule; the message names it, its line
-            in the function, and a way out.
+        NotImplementedError: the function uses an operation that has no rule, or reaches out of itself
+            (callbacks, `jax.debug.print`); the message names it, its line in the function, and a way out.
         ValueError: no secret among the arguments; secrets of different numbers of parties; a precision
             other than the protocol's; local truncation for more than two parties; a `vmap` or a loop over
             arguments with one key for all; a public number that meets a secret and is NaN, or multiplies or
@@ -229,6 +231,17 @@ def _check_secrets(secrets: list[Secret], protocol: Protocol) -> int:
                 "Give share and secure the same protocol."
             )
     return parties.pop()
+
+
+def _require_local(jaxpr: Jaxpr, function: Place) -> None:
+    for eqn in equations(jaxpr):
+        if leaves(eqn):
+            raise NotImplementedError(
+                f"cannot evaluate `{eqn.primitive.name}` in a function on secrets: it reaches out of the "
+                "function, where nobody can follow what a party tells. It comes from "
+                f"{place(eqn, function)}. Print and call Python outside, on public arguments and on what was "
+                "revealed; and give the function what a callback returns as an argument."
+            )
 
 
 def _finish(x: Any, dtype: np.dtype) -> Any:

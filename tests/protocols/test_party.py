@@ -18,7 +18,8 @@ from ciphernav_jax.protocols import (
     sharing,
     truncate,
 )
-from ciphernav_jax.protocols.messages import inner_jaxprs, openings
+from ciphernav_jax.protocols.locality import inner_jaxprs
+from ciphernav_jax.protocols.messages import openings
 from ciphernav_jax.protocols.run import one_partys_jaxpr, online, plan
 
 COUNT = 64 * 128
