@@ -73,7 +73,7 @@ def ran():
             printed[-1][1] = text
             continue
         with contextlib.redirect_stdout(io.StringIO()) as out:
-            exec(text, names)  # the README's own code
+            exec(compile(text, "example.py", "exec"), names)  # the README's own code
         printed.append([out.getvalue(), None])
     return names, printed
 
@@ -93,6 +93,6 @@ def test_the_loop_on_secrets_is_the_plain_loop(ran):
 
 def test_the_outputs_shown_are_those_of_the_code(ran):
     shown = [(out, text) for out, text in ran[1] if text is not None]
-    assert len(shown) == 2
+    assert len(shown) == 3
     for out, text in shown:
         assert out == text

@@ -23,13 +23,20 @@ def audit(step: Secure) -> Callable[..., tuple[Any, tuple[Array, Array]]]:
 
     Raises:
         TypeError: `step` was not made by `secure`.
+        What `step` would raise (when called).
     """
     require_step(step)
 
     @Compiled
     def evaluate(key, args):
-        result, (notes, _) = step.witnessed(key, args, Witness(step.protocol, beside=False))
+        result, (notes, findings) = step.witnessed(key, args, Witness(step.protocol, beside=False))
         assert notes is not None
-        return result, (jnp.sum(notes.total["truncations"]), jnp.sum(notes.total["failed"]))
+        counts = jnp.sum(notes.total["truncations"]), jnp.sum(notes.total["failed"])
+        return (result, counts), findings
 
-    return lambda key, *args: evaluate(key, step.checked(key, args))
+    def audited(key: Array, *args: Any) -> tuple[Any, tuple[Array, Array]]:
+        counted, findings = evaluate(key, step.checked(key, args))
+        findings.check()
+        return counted
+
+    return audited

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from ciphernav_jax.jax_private import Tracer
 from ciphernav_jax.secret.places import Place
 
 
@@ -56,9 +57,9 @@ class Findings:
         return jnp.any(jnp.stack(self.found)) if self.found else jnp.zeros((), np.bool_)
 
     def check(self) -> None:
-        """Raises ValueError with the first problem."""
+        """Raises ValueError with the first problem, where that can be known already."""
         for problem, found in zip(self.problems, self.found, strict=True):
-            if found:
+            if not isinstance(found, Tracer) and found:
                 raise ValueError(
                     f"{problem} Look at the public arguments before the call, or share what may be so large."
                 )

@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,10 +14,11 @@ from rich.table import Table
 
 from ciphernav_jax.jax_private import Tracer
 from ciphernav_jax.secret.cost import require_step
+from ciphernav_jax.secret.findings import Findings
 from ciphernav_jax.secret.places import Place
 from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.secure import Secure
-from ciphernav_jax.secret.witness import RANGE_BITS, Notes, Site, Witness
+from ciphernav_jax.secret.witness import LOST, RANGE_BITS, Notes, Site, Witness
 
 
 class ValidationError(ArithmeticError):
@@ -67,7 +68,7 @@ class Row:
     @property
     def lost(self) -> str:
         """What was lost here: "range", "resolution", or "" for neither."""
-        if self.magnitude > 1 or self.failed or self.wrong or self.not_numbers:
+        if any(getattr(self, name) > most for name, most in LOST.items()):
             return "range"
         return "resolution" if self.faint_share > 0.5 else ""
 
@@ -107,20 +108,23 @@ class Report:
 
     @property
     def range_lost(self) -> Row | None:
-        """The first equation that lost range, None where none did. What follows it may be a consequence."""
-        return next((row for row in self.equations if row.lost == "range"), None)
+        """The equation that lost range before all others, in the first iteration where one did, with its
+        magnitude of then; None where none did. What follows may be a consequence.
+        """
+        number, magnitude = self._over_runs.first
+        return replace(self.equations[number - 1], magnitude=float(magnitude)) if number else None
 
     @property
     def resolution_lost(self) -> Row | None:
-        """The first equation that lost resolution, None where none did: in sum more than half of what it
-        computed is smaller than a unit.
+        """The first equation in the program that lost resolution, None where none did: over all iterations
+        more than half of what it computed, in sum of magnitudes, is smaller than a unit.
         """
         return next((row for row in self.equations if row.lost == "resolution"), None)
 
     @property
     def first(self) -> Row | None:
-        """The first equation that lost either."""
-        return next((row for row in self.equations if row.lost), None)
+        """The one that lost range; where none did, the one that lost resolution."""
+        return self.range_lost or self.resolution_lost
 
     def check(self) -> None:
         """Raises ValidationError where range or resolution is lost."""
@@ -128,11 +132,6 @@ class Report:
             raise ValidationError(self)
 
     def _rows(self, groups: list[list[int]]) -> tuple[Row, ...]:
-        if any(isinstance(x, Tracer) for x in jax.tree.leaves(self.notes)):
-            raise TypeError(
-                "a report has no numbers under jax.jit, jax.lax.scan or jax.vmap. "
-                "Return it from there, and look at it outside."
-            )
         notes = self._over_runs
 
         def row(group: list[int]) -> Row:
@@ -148,6 +147,11 @@ class Report:
 
     @cached_property
     def _over_runs(self) -> Notes:
+        if any(isinstance(x, Tracer) for x in jax.tree.leaves(self.notes)):
+            raise TypeError(
+                "a report has no numbers under jax.jit, jax.lax.scan or jax.vmap. "
+                "Return it from there, and look at it outside."
+            )
         return jax.tree.map(np.asarray, self.notes.over_runs())
 
     # --- to read ---
@@ -193,7 +197,7 @@ class Report:
     def __str__(self) -> str:
         text = io.StringIO()
         Console(file=text, width=120).print(self)
-        return text.getvalue().rstrip()
+        return "\n".join(line.rstrip() for line in text.getvalue().rstrip().splitlines())
 
 
 def validate(step: Secure, *, strict: bool = False) -> Callable[..., tuple[Any, Report]]:
@@ -223,6 +227,7 @@ def validate(step: Secure, *, strict: bool = False) -> Callable[..., tuple[Any, 
 
     Raises:
         TypeError: `step` was not made by `secure`.
+        What `step` would raise (when called).
         ValidationError (when called, `strict`): range or resolution is lost; the message names the line.
 
     Example:
@@ -237,13 +242,14 @@ def validate(step: Secure, *, strict: bool = False) -> Callable[..., tuple[Any, 
     require_step(step)
 
     @Compiled
-    def evaluate(key: Array, args: tuple[Any, ...]) -> tuple[Any, Report]:
-        result, (notes, _) = step.witnessed(key, args, Witness(step.protocol, beside=True))
+    def evaluate(key: Array, args: tuple[Any, ...]) -> tuple[Any, Report, Findings]:
+        result, (notes, findings) = step.witnessed(key, args, Witness(step.protocol, beside=True))
         assert notes is not None
-        return result, Report(step.protocol.frac_bits, notes)
+        return result, Report(step.protocol.frac_bits, notes), findings
 
     def validated(key: Array, *args: Any) -> tuple[Any, Report]:
-        result, report = evaluate(key, step.checked(key, args))
+        result, report, findings = evaluate(key, step.checked(key, args))
+        findings.check()
         if strict:
             report.check()
         return result, report
@@ -292,4 +298,4 @@ def _percent(share: float) -> str:
     percent = 100 * share
     if percent >= 10:
         return f"{percent:,.0f} %" if percent < 1e9 else f"{percent:.0e} %"
-    return f"{percent:.2g} %" if percent >= 0.001 else "0 %" if percent else ""
+    return f"{percent:.2g} %" if percent >= 0.1 else f"{percent:.0g} %" if percent else ""

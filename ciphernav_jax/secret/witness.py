@@ -39,6 +39,9 @@ COUNTS_BESIDE = ("values", "faint", "differing", "wrong", "not_numbers")
 SUMS_BESIDE = ("signal", "faint_signal")
 LARGEST_BESIDE = ("magnitude", "error")
 
+# An equation has lost range where one of these is larger.
+LOST = {"magnitude": 1, "failed": 0, "wrong": 0, "not_numbers": 0}
+
 COMPARISONS = {"eq", "ne", "gt", "lt", "ge", "le", "sign"}
 SELECTIONS = {"max", "min", "clamp", "abs", "reduce_max", "reduce_min"}
 # Where a public number beyond the range stands for an infinity.
@@ -64,18 +67,22 @@ class Notes:
         sites: the equations.
         largest: by name arrays [..., n]; of several runs the largest counts.
         total: by name arrays [..., n]; of several runs the sum counts.
+        first: of the equation that lost range before all others, in the order of the run: its number, counted
+            from 1, and the magnitude that it had then. 0 where none did.
     """
 
     sites: tuple[Site, ...] = field(metadata={"static": True})
     largest: dict[str, Array]
     total: dict[str, Array]
+    first: tuple[Array, Array]
 
-    def merged(self, other: "Notes") -> "Notes":
-        """Of two runs of the same program."""
+    def merged(self, later: "Notes") -> "Notes":
+        """Of this run and a later one of the same program."""
         return Notes(
             self.sites,
-            jax.tree.map(jnp.maximum, self.largest, other.largest),
-            jax.tree.map(jnp.add, self.total, other.total),
+            jax.tree.map(jnp.maximum, self.largest, later.largest),
+            jax.tree.map(jnp.add, self.total, later.total),
+            _earlier(self.first, later.first),
         )
 
     def over_runs(self) -> "Notes":
@@ -84,11 +91,30 @@ class Notes:
         def over(reduce: Callable[..., Array], x: Array) -> Array:
             return reduce(x, axis=tuple(range(x.ndim - 1)))
 
+        run = jnp.argmax(self.first[0].reshape(-1) > 0)
         return Notes(
             self.sites,
             jax.tree.map(partial(over, jnp.max), self.largest),
             jax.tree.map(partial(over, jnp.sum), self.total),
+            jax.tree.map(lambda x: x.reshape(-1)[run], self.first),
         )
+
+    @staticmethod
+    def joined(parts: Sequence["Notes"]) -> "Notes":
+        """Of the parts of one program, in its order."""
+        first, before = parts[0].first, 0
+        for part in parts:
+            number, magnitude = part.first
+            first = _earlier(first, (jnp.where(number > 0, number + before, 0), magnitude))
+            before += len(part.sites)
+        columns = [(part.largest, part.total) for part in parts]
+        joined = jax.tree.map(lambda *x: jnp.concatenate(x), *columns)
+        return Notes(tuple(site for part in parts for site in part.sites), *joined, first)
+
+
+def _earlier(first: tuple[Array, Array], later: tuple[Array, Array]) -> tuple[Array, Array]:
+    number, magnitude = first
+    return jnp.where(number > 0, number, later[0]), jnp.where(number > 0, magnitude, later[1])
 
 
 class Row:
@@ -113,11 +139,16 @@ class Row:
         counts, sums, largest = COUNTS, (), ()
         if beside:
             counts, sums, largest = COUNTS + COUNTS_BESIDE, SUMS_BESIDE, LARGEST_BESIDE
+        lost = jnp.zeros((), jnp.int64)
+        for name, most in LOST.items():
+            lost |= jnp.asarray(self.numbers.get(name, 0) > most, jnp.int64)
+        magnitude = jnp.asarray(self.numbers.get("magnitude", 0), jnp.float64)
         return Notes(
             (self.site,),
             {name: column(name, jnp.float64) for name in largest},
             {name: column(name, jnp.int64) for name in counts}
             | {name: column(name, jnp.float64) for name in sums},
+            (lost, magnitude),
         )
 
 
@@ -203,9 +234,7 @@ class Witness:
             if self.beside or isinstance(part, Notes) or part.numbers
         ]
         # An equation without a name: notes are never empty.
-        parts = parts or [Row(Site("", UNKNOWN)).notes(self.beside)]
-        joined = jax.tree.map(lambda *x: jnp.concatenate(x), *[(part.largest, part.total) for part in parts])
-        return Notes(tuple(site for part in parts for site in part.sites), *joined)
+        return Notes.joined(parts or [Row(Site("", UNKNOWN)).notes(self.beside)])
 
     # --- references ---
 

@@ -53,6 +53,15 @@ def in_a_scan(x, n):
     return lax.scan(body, x, length=2)
 
 
+def in_a_later_iteration(x, n):
+    def body(x, _):
+        y = x * 2.0
+        y = y * y  # range: iteration
+        return y * x, None
+
+    return lax.scan(body, x, length=4)[0]  # 2, 32, 2^17, 2^53: each line would be lost in the end
+
+
 def in_a_while(x, n):
     def body(state):
         i, c = state
@@ -101,6 +110,7 @@ def backwards(x, n):
 PLANTED = {
     "straight": straight,
     "scan": in_a_scan,
+    "iteration": in_a_later_iteration,
     "while": in_a_while,
     "cond": in_a_branch,
     "jit": in_a_jitted_function,
@@ -109,7 +119,12 @@ PLANTED = {
     "flax": in_a_flax_layer,
     "gradient": backwards,
 }
-FIRST_FITS = {"scan": BIG / 50, "while": BIG / 20, "gradient": np.full(4, 400.0)}
+FIRST_FITS = {
+    "iteration": np.full(2, 2.0),
+    "scan": BIG / 50,
+    "while": BIG / 20,
+    "gradient": np.full(4, 400.0),
+}
 
 
 @pytest.mark.parametrize("name", PLANTED)
@@ -215,11 +230,17 @@ def test_comparisons_beyond_range_bits_are_named():
 
 def test_masks_are_no_loss():
     def masked(x, mask):
-        x = x + mask
-        return jnp.max(x), jnp.argmax(x)
+        y = x + mask
+        return jnp.max(y), jnp.argmax(x * x + mask), jnp.where(y > 2, y, -jnp.inf), jnp.maximum(y, -3e38)
 
-    report = report_of(masked, np.array([1.0, 2.0, 3.0]), jnp.array([0.0, 0.0, -1e9]))
-    assert report.first is None
+    for mask in (-1e9, -np.inf, np.finfo(np.float64).min):
+        report = report_of(masked, np.array([1.0, 2.0, 3.0]), jnp.array([0.0, 0.0, mask]))
+        assert report.first is None
+
+
+def test_a_public_number_that_is_not_usable_raises_as_the_step_does():
+    with pytest.raises(ValueError, match=r"test_validate\.py"):
+        report_of(lambda x, n: x / n, BIG, jnp.float64(0))
 
 
 # --- the numbers ----------------------------------------------------------------------------------------
