@@ -2,9 +2,11 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import reveal, secure, share
 
 
@@ -39,11 +41,14 @@ def failures(
     multiply = secure(jnp.multiply, protocol=protocol)
 
     def one_round(_: None, key: Array) -> tuple[None, Array]:
-        sign_key, share_key, dealer_key = jax.random.split(key, 3)
-        x = jnp.where(jax.random.bernoulli(sign_key, shape=(count,)), float(value), -float(value))
-        factors = share(share_key, (x, jnp.ones_like(x)), parties=parties, protocol=protocol)
-        error = reveal(multiply(dealer_key, *factors)) - x
+        x = jnp.where(
+            jax.random.bernoulli(keys.derive(key, "signs"), shape=(count,)), float(value), -float(value)
+        )
+        factors = share(key, (x, jnp.ones_like(x)), parties=parties, protocol=protocol)
+        error = reveal(multiply(key, *factors)) - x
         return None, jnp.sum(jnp.abs(error) > parties * 2.0**-protocol.frac_bits)
 
-    keys = jax.random.split(jax.random.key(seed), rounds)
-    return int(jnp.sum(jax.jit(lambda keys: lax.scan(one_round, None, keys)[1])(keys))), rounds * count
+    key = keys.derive(keys.root(seed), "failures", str(protocol), parties, repr(value), count)
+    of_rounds = keys.derive(key, "round", np.arange(rounds))
+    failed = jax.jit(lambda of_rounds: lax.scan(one_round, None, of_rounds)[1])(of_rounds)
+    return int(jnp.sum(failed)), rounds * count

@@ -19,6 +19,7 @@ from jax import Array
 from ciphernav_jax import ring
 from ciphernav_jax.experiments.work import Work
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import cost, secure
 
 CHAIN = 64
@@ -29,7 +30,7 @@ def rates() -> dict[str, float]:
     """This machine's raw rates: uint64 multiply-adds and random bytes a second, the best of several runs."""
     many, words = 1 << 20, 1 << 19  # the latter stay in the cache
     x = jnp.arange(many, dtype=jnp.uint64)
-    key = jax.random.key(0)
+    key = keys.root(0)
     return {
         "multiply_adds": CHAIN * many / _best(jax.jit(_chained), x),
         "random_bytes": 8 * words / _best(jax.jit(lambda key: ring.draw(key, [(words,)])), key),

@@ -15,6 +15,7 @@ from ciphernav_jax.experiments import floor, process
 from ciphernav_jax.experiments.measure import compiled, shared, summary, timed
 from ciphernav_jax.experiments.work import Sizes, works
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.ring import keys
 
 
 @dataclass(frozen=True)
@@ -53,11 +54,12 @@ def growth(turns: Turns) -> list[dict[str, Any]]:
         `floor`.
     """
     work = works(turns.sizes, turns.seed)[turns.work]
-    share_key, call_key = jax.random.split(jax.random.key(turns.seed))
+    key = keys.derive(keys.root(turns.seed), "growth", turns.work, repr(turns.sizes), str(turns.protocol))
+    call_keys = [keys.derive(key, "call", parties) for parties in turns.parties]
     runs, needs = [], []
     for parties in turns.parties:
-        args = shared(work, share_key, parties, turns.protocol)
-        runs.append((compiled(work.secured(turns.protocol), call_key, *args)[0], args))
+        args = shared(work, keys.derive(key, "share", parties), parties, turns.protocol)
+        runs.append((compiled(work.secured(turns.protocol), key, *args)[0], args))
         needs.append(floor.needs(work, turns.protocol, parties, args))
 
     # Fewer parties get more calls in a turn, so that all turns last about as long. A turn's first call finds
@@ -66,8 +68,8 @@ def growth(turns: Turns) -> list[dict[str, Any]]:
     times = np.zeros((turns.rounds, len(runs)))
     for i in range(turns.rounds):
         for j, ((run, args), calls) in enumerate(zip(runs, often, strict=True)):
-            jax.block_until_ready(run(call_key, *args))
-            key = jax.block_until_ready(jax.random.fold_in(call_key, i))
+            jax.block_until_ready(run(call_keys[j], *args))
+            key = jax.block_until_ready(keys.derive(call_keys[j], "round", i))
             times[i, j] = np.mean([timed(run, key, *args)[0] for _ in range(calls)]) / work.steps
     per_party = times / np.array(turns.parties)
     relative = per_party / per_party[:, :1]

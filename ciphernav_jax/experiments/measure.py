@@ -18,6 +18,7 @@ from jax import Array
 from ciphernav_jax.experiments import floor, process
 from ciphernav_jax.experiments.work import Sizes, Work, error, works
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import reveal, share
 
 # Calls are repeated until they fill this many seconds, at least 5 times and at most 200.
@@ -57,8 +58,11 @@ def measure(order: Order) -> dict[str, Any]:
         the process, with Python, JAX and the compiler), error (see `work.error`), and needs (see `floor`).
     """
     work = works(order.sizes, order.seed)[order.work]
-    share_key, call_key = jax.random.split(jax.random.key(order.seed))
-    args = shared(work, share_key, order.parties, order.protocol)
+    key = keys.derive(
+        keys.root(order.seed), "measure", order.work, repr(order.sizes), str(order.protocol), order.parties
+    )
+    call_key = keys.derive(key, "call")
+    args = shared(work, key, order.parties, order.protocol)
     run, result = compiled(work.secured(order.protocol), call_key, *args)
     if order.compile_only:
         return result
@@ -76,7 +80,7 @@ def measure(order: Order) -> dict[str, Any]:
 def shared(work: Work, key: Array, parties: int, protocol: Protocol) -> tuple[Any, ...]:
     """The arguments of a work, those that are secret as shares of so many parties."""
     return tuple(
-        share(jax.random.fold_in(key, i), arg, parties=parties, protocol=protocol) if secret else arg
+        share(keys.derive(key, "argument", i), arg, parties=parties, protocol=protocol) if secret else arg
         for i, (arg, secret) in enumerate(zip(work.args, work.secret, strict=True))
     )
 
@@ -103,7 +107,7 @@ def calls(
     """Seconds and results of `repeat` calls, each with a key of its own; of as many as fill `SECONDS`."""
     total = 0.0
     for i in range(repeat or 200):
-        seconds, result = timed(run, jax.block_until_ready(jax.random.fold_in(key, i)), *args)
+        seconds, result = timed(run, jax.block_until_ready(keys.derive(key, "again", i)), *args)
         yield seconds, result
         total += seconds
         if repeat is None and i >= 4 and total > SECONDS:

@@ -14,10 +14,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import reveal, secure, share, simulate
 from ciphernav_jax.secret.programs import ALLOWED, MAPS
 
-KEY = jax.random.key(0)
+KEY = keys.root(0)
 RNG = np.random.default_rng(0)
 W, X, Y = (RNG.normal(size=shape).astype(np.float32) for shape in ((4, 3), (5, 4), (5, 3)))
 BOUND = 1e-3  # a wide one: some thousand units

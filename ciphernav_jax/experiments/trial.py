@@ -23,6 +23,7 @@ from ciphernav_jax.experiments.training import (
 )
 from ciphernav_jax.experiments.work import Sizes, forward
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import LAN, WAN, Cost, cost, reveal, secure, share
 
 # A result farther from float64 than this is no rounding: a truncation or a sign has failed.
@@ -83,9 +84,9 @@ def result_of(trial: Trial) -> dict[str, Any]:
         peak_bytes.
     """
     plain = training(trial.effort.sizes, trial.seed)
-    keys = jax.random.split(jax.random.key(trial.seed), 4)
-    passed, outputs = _forward(trial, plain, keys[0])
-    trained, learned = _train(trial, plain, keys[1])
+    key = keys.derive(keys.root(trial.seed), "trial", str(trial.protocol), trial.parties, repr(trial.effort))
+    passed, outputs = _forward(trial, plain, keys.derive(key, "forward"))
+    trained, learned = _train(trial, plain, keys.derive(key, "training"))
     effort = trial.effort
     value = min(effort.value, trial.protocol.bound / 2)
     count = min(effort.truncations, 1 << 16)
@@ -105,7 +106,7 @@ def result_of(trial: Trial) -> dict[str, Any]:
 
 
 def _forward(trial: Trial, plain: Training, key: Array) -> tuple[dict[str, Any], dict[str, Any]]:
-    share_key, call_key = jax.random.split(key)
+    share_key, call_key = keys.derive(key, "share"), keys.derive(key, "call")
     args = share(share_key, (plain.weights, plain.inputs), parties=trial.parties, protocol=trial.protocol)
     secured = secure(forward, protocol=trial.protocol)
     run, passed = compiled(secured, call_key, *args)
@@ -123,7 +124,7 @@ def _forward(trial: Trial, plain: Training, key: Array) -> tuple[dict[str, Any],
 
 def _train(trial: Trial, plain: Training, key: Array) -> tuple[dict[str, Any], dict[str, Any]]:
     effort = trial.effort
-    share_key, first_key, call_key = jax.random.split(key, 3)
+    share_key, first_key, call_key = (keys.derive(key, use) for use in ("share", "first step", "call"))
     state, features, labels = share(
         share_key, (plain.state, plain.features, plain.labels), parties=trial.parties, protocol=trial.protocol
     )
@@ -131,8 +132,10 @@ def _train(trial: Trial, plain: Training, key: Array) -> tuple[dict[str, Any], d
 
     def loop(key: Array, state: Any, count: Array, features: Any, labels: Any) -> Any:
         # The number of steps is an argument: one compiled loop serves for the first step and for a chunk.
+        of_steps = keys.derive(key, "step")
+
         def step(i: Array, state: Any) -> Any:
-            return secured(jax.random.fold_in(key, i), state, features, labels)
+            return secured(keys.derive(of_steps, i), state, features, labels)
 
         return lax.fori_loop(0, count, step, state)
 
@@ -160,12 +163,12 @@ def _train(trial: Trial, plain: Training, key: Array) -> tuple[dict[str, Any], d
     times = [seconds]
     if seconds * effort.steps > effort.time_limit:
         times += [
-            timed(run, jax.random.fold_in(call_key, i), state, one, features, labels)[0] for i in (0, 1)
+            timed(run, keys.derive(call_key, "again", i), state, one, features, labels)[0] for i in (0, 1)
         ]
     else:
         times, curve, exact = [], [], plain.state
         for done in range(0, effort.steps, effort.chunk):
-            key = jax.random.fold_in(call_key, done)
+            key = keys.derive(call_key, "chunk", done)
             seconds, state = timed(run, key, state, chunk, features, labels)
             times.append(seconds / effort.chunk)
             exact = in_float64(exact, chunk)

@@ -18,6 +18,7 @@ import numpy as np
 from jax import Array
 
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import secure
 
 # Multiplies the gradient of the summed error: a learning rate of 0.6 for the mean over 500 x 5 values, as a
@@ -78,8 +79,8 @@ class Work:
             return step
 
         def run(key: Array, state: Any, *args: Any) -> Any:
-            keys = jax.random.split(key, self.steps)
-            return jax.lax.scan(lambda state, key: step(key, state, *args), state, keys)
+            of_steps = keys.derive(key, "step", np.arange(self.steps))
+            return jax.lax.scan(lambda state, key: step(key, state, *args), state, of_steps)
 
         return run
 

@@ -26,6 +26,7 @@ from ciphernav_jax.navigation.plain import Report
 from ciphernav_jax.navigation.samples import Samples
 from ciphernav_jax.navigation.storage import Checkpoint
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import audit, reveal, secure, share
 
 GRAPH = nnx.split(ActionClassifier(nnx.Rngs(0)))[0]
@@ -108,6 +109,7 @@ def train(
     samples: Samples,
     recipe: FreshClassifier,
     seed: int,
+    key: jax.Array,
     checkpoint: Checkpoint,
     report: Report,
     parties: int | None = None,
@@ -119,7 +121,8 @@ def train(
         features: of the training environments, standardised if the recipe says so.
         samples: the training samples.
         recipe: how to train.
-        seed: of the weights, the batches, the shares and the protocols' randomness.
+        seed: of the public weights and of the batches.
+        key: of this training and no other: of the shares and the dealer, where there are parties.
         checkpoint: kept after the latest chunk of steps; of a secret it holds the shares.
         report: called after each chunk.
         parties: how many share the secrets; None trains in plaintext.
@@ -135,17 +138,14 @@ def train(
     Raises:
         ValueError: fewer than two parties.
     """
-    weights_key, data_key, loss_key, protocol_key = (
-        jax.random.fold_in(jax.random.key(seed), n) for n in range(4)
-    )
     weights = initial(seed)
     state = (weights, jax.tree.map(jnp.zeros_like, weights))
     robot = features.robot(samples.env, samples.cell, samples.heading, samples.goal)
     data = (features.cameras, robot, one_hot(samples))
     protocol = None if parties is None else protocol or Protocol()
     if parties is not None:
-        state = share(weights_key, state, parties=parties, protocol=protocol)
-        data = share_training_data(data_key, data, parties, protocol)
+        state = share(keys.derive(key, "weights"), state, parties=parties, protocol=protocol)
+        data = share_training_data(keys.derive(key, "data"), data, parties, protocol)
 
     done, state, curve = checkpoint.restore(state)
     compiled: dict[int, Any] = {}
@@ -156,10 +156,9 @@ def train(
         decay = (1 - steps / recipe.steps * (recipe.schedule == "linear")).astype(np.float32)
         total = jnp.float32(0)
         if parties is not None:
-            key = jax.random.fold_in(loss_key, done)
-            total = share(key, total, parties=parties, protocol=protocol)
+            total = share(keys.derive(key, "loss", done), total, parties=parties, protocol=protocol)
         batches = (steps, decay, samples.env[rows], rows)
-        args = (protocol_key, (*state, total), data, batches)
+        args = (key, (*state, total), data, batches)
         timing = {}
         if len(steps) not in compiled:  # the last chunk may be shorter
             before = time.perf_counter()
@@ -208,13 +207,13 @@ def _run(
     def body(carry, batch):
         state, truncations = carry
         step, decay, env, row = batch
-        state, more = advance(jax.random.fold_in(key, step), state, *samples(env, row), decay)
+        state, more = advance(keys.derive(of_steps, step), state, *samples(env, row), decay)
         return (state, jax.tree.map(jnp.add, truncations, more)), None
 
+    of_steps = keys.derive(key, "step")
     (state, truncations), _ = jax.lax.scan(body, (state, NO_TRUNCATIONS), batches)
     last, _, env, row = (of_batch[-1] for of_batch in batches)
-    step_key = jax.random.fold_in(key, last)
-    right, more = count(jax.random.fold_in(step_key, 1), state[0], *samples(env, row))
+    right, more = count(keys.derive(key, "right answers", last), state[0], *samples(env, row))
     return state, right, jax.tree.map(jnp.add, truncations, more)
 
 
@@ -239,13 +238,13 @@ def share_training_data(key: jax.Array, data: tuple, parties: int, protocol: Pro
     cameras, robot, labels = data
     slots = dict(zip(SLOTS, (*cameras, *robot), strict=True))
     shared = {}
-    for number, party in enumerate(cast(parties)):
+    owners = cast(parties)
+    for party in owners:
         for slot in party.slots:
-            own = jax.random.fold_in(jax.random.fold_in(key, number), SLOTS.index(slot))
+            own = keys.derive(key, party.name, slot)
             shared[slot] = share(own, slots[slot], parties=parties, protocol=protocol)
     *shared_cameras, view, place = (shared[slot] for slot in SLOTS)
-    of_labels = jax.random.fold_in(jax.random.fold_in(key, 0), len(SLOTS))
-    labels = share(of_labels, labels, parties=parties, protocol=protocol)
+    labels = share(keys.derive(key, owners[0].name, "labels"), labels, parties=parties, protocol=protocol)
     return tuple(shared_cameras), (view, place), labels
 
 

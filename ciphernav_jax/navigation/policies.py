@@ -9,9 +9,10 @@ import numpy as np
 
 from ciphernav_jax.navigation.classifier import predict
 from ciphernav_jax.navigation.features import Features
-from ciphernav_jax.navigation.parties import CAMERAS, SLOTS
+from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.rollout import Policy
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import reveal, secure, share
 
 
@@ -29,7 +30,7 @@ def plain_policy(params: Any, features: Features) -> Policy:
 def secret_policy(
     params: Any, features: Features, key: jax.Array, parties: int, protocol: Protocol | None = None
 ) -> Policy:
-    """The same under secret sharing, with secret or public weights.
+    """The same under secret sharing, with secret or public weights. `key` is for one drive of one data set.
 
     The camera owners share their features once, since an environment does not change; the robot shares
     its view's and its map's at each step. Opened: the best action alone; or, where `protocol.opened` says so,
@@ -41,17 +42,14 @@ def secret_policy(
     result = predict if protocol.opened == "logits" else best_action
     decide = jax.jit(secure(result, protocol=protocol))
     cameras = tuple(
-        sharing(jax.random.fold_in(key, SLOTS.index(name)), slot)
+        sharing(keys.derive(key, "slot", name), slot)
         for name, slot in zip(CAMERAS, features.cameras, strict=True)
     )
-    robot_key, protocol_key = (jax.random.fold_in(key, len(SLOTS) + use) for use in range(2))
 
     def policy(step, cells, headings):
         robot = features.robot(every, cells, headings, features.goal)
-        shared = sharing(jax.random.fold_in(robot_key, step), robot)
-        opened = np.asarray(
-            reveal(decide(jax.random.fold_in(protocol_key, step), params, (*cameras, *shared)))
-        )
+        shared = sharing(keys.derive(key, "robot", step), robot)
+        opened = np.asarray(reveal(decide(keys.derive(key, "decision", step), params, (*cameras, *shared))))
         return opened if protocol.opened == "argmax" else np.argmax(opened, axis=-1)
 
     return policy

@@ -34,6 +34,7 @@ from ciphernav_jax.navigation.samples import start_headings, training_samples
 from ciphernav_jax.navigation.sight import Looking
 from ciphernav_jax.navigation.storage import Checkpoint, load_tree, save_tree
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import share
 from ciphernav_jax.world.dataset import Dataset
 
@@ -107,7 +108,7 @@ def train_classifier(
     if parties is not None:
         cast(parties)
     name = "plaintext-classifier" if parties is None else "secret"
-    config = _config(name, parties, seed, recipe, dataset) | {"encoders": _fingerprint(teacher.encoders)}
+    config = _config(name, parties, seed, recipe, dataset) | {"encoders": fingerprint(teacher.encoders)}
     if parties is not None:
         config["protocol"] = asdict(protocol or Protocol())
     samples = training_samples(dataset, sees(config), seed, recipe.errands, recipe.stray)
@@ -126,6 +127,7 @@ def train_classifier(
             samples,
             recipe,
             seed,
+            _key(seed, "training", config, dataset),
             _checkpoint(folder, config),
             report,
             parties,
@@ -226,7 +228,9 @@ def drive(
         raise ValueError("a variant of the protocol is for drives under secret sharing; say --parties too")
     seen = features.standardise(encode(dataset, sees(config), trained), trained.scales)
     if parties:
-        policy = secret_policy(trained.weights, seen, jax.random.key(seed), parties, protocol)
+        how = {"parties": parties, "protocol": asdict(protocol or Protocol()), "model": config}
+        how |= {"weights": fingerprint(trained.weights), "eyes": eyes and fingerprint(eyes)}
+        policy = secret_policy(trained.weights, seen, _key(seed, "driving", how, dataset), parties, protocol)
     else:
         policy = plain_policy(trained.weights, seen)
     headings = start_headings(dataset, sees(config))
@@ -260,7 +264,15 @@ def _config(
     return {"kind": KIND, "version": __version__, **training}
 
 
-def _fingerprint(arrays: Any) -> str:
+def _key(seed: int, what: str, how: dict, dataset: Dataset) -> jax.Array:
+    """The key of one use of one data set. All that decides which values are hidden is part of its purpose:
+    two trainings, or two drives, that differ in anything have no mask in common.
+    """
+    return keys.derive(keys.root(seed), what, files.canonical(how), files.canonical(dataset.meta))
+
+
+def fingerprint(arrays: Any) -> str:
+    """The SHA-256 of a pytree's arrays, one after the other."""
     digest = hashlib.sha256()
     for leaf in jax.tree.leaves(arrays):
         digest.update(np.asarray(leaf).tobytes())
@@ -313,5 +325,6 @@ def _template(config: dict) -> Trained:
     parts = nnx.to_pure_dict(nnx.state(Navigator(nnx.Rngs(0)), nnx.Param))
     weights = parts.pop("classifier")
     if parties := config["parties"]:
-        weights = share(jax.random.key(0), weights, parties=parties, protocol=Protocol(**config["protocol"]))
+        key, protocol = keys.derive(keys.root(0), "template"), Protocol(**config["protocol"])
+        weights = share(key, weights, parties=parties, protocol=protocol)
     return Trained(parts, features.unscaled(), weights)

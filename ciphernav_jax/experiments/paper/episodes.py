@@ -14,7 +14,6 @@ import io
 from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any
 
-import jax
 import numpy as np
 import tyro
 from numpy.typing import NDArray
@@ -27,6 +26,7 @@ from ciphernav_jax.navigation import features, pictures, record, trained
 from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.rollout import Episodes, Outcome
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import Secret, share
 from ciphernav_jax.world.dataset import Dataset
 
@@ -92,14 +92,14 @@ def watched(dataset: Dataset, driven: Episodes, env: int, seen: Features, partie
     and map at each step. What is kept of them is the highest byte: base64 of uint8[P, width].
     """
     told = episode(dataset, driven, env)
-    key = jax.random.key(seed)
-    cameras = share(jax.random.fold_in(key, 0), [camera[env] for camera in seen.cameras], parties=parties)
+    key = keys.derive(keys.root(seed), "watched", env)
+    cameras = share(keys.derive(key, "cameras"), [camera[env] for camera in seen.cameras], parties=parties)
     told["shares"] = dict(zip(CAMERAS, map(_top_bytes, cameras), strict=True))
     told["steps"] = []
     heading, goal = int(dataset.start_heading[env]), int(dataset.goal[env])
     for step, (cell, action) in enumerate(zip(told["cells"], told["actions"], strict=True), 1):
         robot = seen.robot(*map(np.asarray, (env, cell, heading, goal)))
-        view, place = share(jax.random.fold_in(key, step), robot, parties=parties)
+        view, place = share(keys.derive(key, "robot", step), robot, parties=parties)
         told["steps"].append(
             {
                 "view": png(dataset.views[dataset.agent[env, cell, heading]]),

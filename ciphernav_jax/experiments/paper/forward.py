@@ -19,6 +19,7 @@ from ciphernav_jax.experiments.work import Sizes, Work, works
 from ciphernav_jax.files import write_json
 from ciphernav_jax.navigation import record
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import share
 
 PARTIES = (2, 5)
@@ -26,13 +27,13 @@ PARTIES = (2, 5)
 
 def measured(work: Work, parties: int | None) -> dict[str, Any]:
     """One line: name, parties, weights, batch, seconds (see `measure.summary`), compile_s, trace_s."""
-    key = jax.random.key(0)
+    key = keys.derive(keys.root(0), "forward", work.name, parties or "plaintext")
     if parties is None:
         args = jax.tree.map(jax.numpy.float32, work.args)
         run, compiling = compiled(lambda _, *args: work.function(*args), key, *args)
     else:
         args = tuple(
-            share(jax.random.fold_in(key, i), arg, parties=parties) if secret else arg
+            share(keys.derive(key, "argument", i), arg, parties=parties) if secret else arg
             for i, (arg, secret) in enumerate(zip(work.args, work.secret, strict=True))
         )
         run, compiling = compiled(work.secured(Protocol()), key, *args)

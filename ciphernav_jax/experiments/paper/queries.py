@@ -47,6 +47,7 @@ from ciphernav_jax.navigation import features, trained
 from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.policies import best_action
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import reveal, secure, share
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import CELLS, HEADINGS, MAX_ACTIONS, START, WALLS, move
@@ -163,9 +164,10 @@ def agreement(weights: Any, seen: Features, eyes: Eyes, answers: Answers, seed: 
     """How many of CHECKED questions, chosen at random, two parties answer as in plaintext."""
     asked = np.argwhere(answers != UNASKED)
     env, *question = asked[np.random.default_rng(seed).choice(len(asked), CHECKED)].T
-    share_key, call_key = jax.random.split(jax.random.key(seed))
-    slots = share(share_key, slots_of(seen, eyes, env, tuple(question)), parties=2)
-    secret = np.asarray(reveal(secure(best_action)(call_key, weights, slots)))
+    slots = slots_of(seen, eyes, env, tuple(question))
+    key = keys.derive(keys.root(seed), "questions", trained.fingerprint((weights, slots)))
+    slots = share(key, slots, parties=2)
+    secret = np.asarray(reveal(secure(best_action)(key, weights, slots)))
     return attack.score(int(np.sum(secret == answers[env, *question])), CHECKED)
 
 

@@ -61,6 +61,7 @@ from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.policies import best_action
 from ciphernav_jax.navigation.samples import start_headings, teacher_forced
 from ciphernav_jax.navigation.trained import Trained
+from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import Secret, reveal, secure, share, view
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import START
@@ -104,10 +105,10 @@ def at_start(dataset: Dataset, seen: Features) -> Rows:
 def collect(observe: Observe, rows: Rows, seed: int, *, block: int = 64, reused: bool = False) -> Words:
     """uint64[N, w]: what is seen of each environment, each with a key of its own, or all with one."""
     count = len(rows.action)
-    key = jax.random.key(seed)
-    keys = jnp.broadcast_to(key, count) if reused else jax.random.split(key, count)
+    key = keys.derive(keys.root(seed), "environment")
+    own = jnp.broadcast_to(key, count) if reused else keys.derive(key, np.arange(count))
     run = jax.jit(lambda *args: jax.lax.map(lambda one: observe(*one), args, batch_size=block))
-    return np.asarray(run(keys, rows))
+    return np.asarray(run(own, rows))
 
 
 def own_features(camera: int) -> Observe:
@@ -140,10 +141,9 @@ def forward(
     observed = view(secure(best_action))
 
     def observe(key: Array, row: Rows) -> Array:
-        call_key, slots_key, weights_key = jax.random.split(key, 3)
-        slots = sharing(slots_key, tuple(slot[None] for slot in row.slots))
-        params = sharing(weights_key, weights) if secret_weights else weights
-        result, seen = observed(call_key, params, slots)
+        slots = sharing(keys.derive(key, "slots"), tuple(slot[None] for slot in row.slots))
+        params = sharing(keys.derive(key, "weights"), weights) if secret_weights else weights
+        result, seen = observed(key, params, slots)
         numbers, bits = seen.of(coalition)
         action = jax.nn.one_hot(reveal(result)[0], ACTIONS, dtype=jnp.uint64)
         words = {
@@ -162,10 +162,9 @@ def training_step(weights: Any, others: Rows, sharing: Share) -> Observe:
     velocity = jax.tree.map(np.zeros_like, weights)
 
     def observe(key: Array, row: Rows) -> Array:
-        call_key, share_key = jax.random.split(key)
         slots, labels = jax.tree.map(lambda own, rest: jnp.concatenate([own[None], rest]), row, others)
-        args = sharing(share_key, ((weights, velocity, jnp.float32(0)), slots, labels))
-        numbers, bits = observed(call_key, *args, jnp.float32(1))[1].of(ROBOT)
+        args = sharing(key, ((weights, velocity, jnp.float32(0)), slots, labels))
+        numbers, bits = observed(key, *args, jnp.float32(1))[1].of(ROBOT)
         return _flat(_of_first(numbers, BATCH, bits))
 
     return observe
