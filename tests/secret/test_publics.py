@@ -121,6 +121,13 @@ def test_a_public_number_that_makes_no_sense_raises_and_names_its_line(name):
         step(jax.random.key(1), x, np.float64(n))
 
 
+@pytest.mark.parametrize("tool", [cn.audit, cn.validate])
+def test_tools_that_run_the_step_raise_what_it_raises(tool):
+    x = cn.share(jax.random.key(0), X1, parties=2)
+    with pytest.raises(ValueError, match=r"divides a secret is 0.*test_publics\.py:\d+"):
+        tool(cn.secure(lambda x, n: x / n, protocol=CHEAP))(jax.random.key(1), x, np.float64(0))
+
+
 def test_where_nobody_can_look_the_results_are_poisoned():
     x = cn.share(jax.random.key(0), X1, parties=2)
     step = cn.secure(lambda x, n: (x / n, 2 * x, (x > n).astype(np.int64)), protocol=CHEAP)
