@@ -1,7 +1,6 @@
 import json
 import os
 import sys
-import time
 from dataclasses import replace
 from typing import get_args
 
@@ -19,6 +18,7 @@ from ciphernav_jax.experiments.peers import harness
 from ciphernav_jax.experiments.work import RATE, Sizes, error, works
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import share
+from tests.patience import wait_for
 
 TINY = Sizes(widths=(6, 4, 3), forward=2, train=5, steps=2, relu=9, product=(3, 4, 5))
 # Of a value: rounding each input, and one truncation for each product.
@@ -215,14 +215,23 @@ def fake_worker(tmp_path, title):
 
 
 def test_one_that_hangs_is_ended_with_all_it_started(fake, tmp_path):
-    alive = tmp_path / "alive"
-    child = f"import time; time.sleep(4); open({str(alive)!r}, 'w')"
-    code = f"import subprocess\nsubprocess.Popen([sys.executable, '-c', {child!r}])\ntime.sleep(60)"
+    held = tmp_path / "held by who lives"
+    os.mkfifo(held)
+    reader = os.open(held, os.O_RDONLY | os.O_NONBLOCK)
+    child = f"import time; held = open({str(held)!r}, 'w'); time.sleep(10**6)"
+    code = f"import subprocess\nsubprocess.Popen([sys.executable, '-c', {child!r}])\ntime.sleep(10**6)"
     results = run_peers(fake("slow", code), tmp_path, parties=(2, 7), limit=2)
     # Once for two parties, where the second, longer work is not tried; seven it cannot do.
     assert [r["status"] for r in results] == ["did not finish", "not tried"]
-    time.sleep(4)
-    assert not alive.exists()
+
+    def nobody_lives():
+        try:
+            return os.read(reader, 1) == b""
+        except BlockingIOError:
+            return False
+
+    wait_for(nobody_lives)
+    os.close(reader)
 
 
 def test_one_that_cannot_be_installed_is_said_so(fake, tmp_path):

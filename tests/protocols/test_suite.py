@@ -5,6 +5,7 @@ import sys
 import pytest
 
 from ciphernav_jax.protocols import Protocol
+from tests.patience import PATIENCE_S
 
 
 def test_a_protocol_is_a_value():
@@ -38,4 +39,4 @@ import ciphernav_jax.protocols.relu, ciphernav_jax.protocols.run
 above = ("ciphernav_jax.secret", "ciphernav_jax.models", "ciphernav_jax.navigation", "flax", "optax")
 assert not [n for n in sys.modules if n.startswith(above)]
 """
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=PATIENCE_S)

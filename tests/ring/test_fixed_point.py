@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ciphernav_jax import ring
+from tests.patience import PATIENCE_S
 
 FRAC_BITS = (0, 1, 16, 20, 30, 62)
 
@@ -132,4 +133,4 @@ for attempt in (lambda: ring.encode(1.0, 16), lambda: ring.draw(jax.random.key(0
     else:
         raise AssertionError("no error")
 """
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=PATIENCE_S)

@@ -24,11 +24,11 @@ from ciphernav_jax.jax_private import Literal
 from ciphernav_jax.protocols.dealer import deal
 from ciphernav_jax.protocols.run import one_partys_jaxpr, online, plan
 
+from ..patience import PATIENCE_S
 from .training import training_step
 
 PARTIES = 2
 CALLS = {"jit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
-PATIENCE_S = 120
 
 
 def calls():

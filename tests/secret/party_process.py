@@ -16,6 +16,7 @@ import numpy as np
 
 import ciphernav_jax as cn
 
+from ..patience import PATIENCE_S
 from .training import training_step
 
 PARTIES = 2
@@ -60,7 +61,14 @@ def main() -> None:
     if mode == "process":
         rank, port = int(sys.argv[3]), sys.argv[4]
         jax.config.update("jax_cpu_collectives_implementation", "gloo")
-        jax.distributed.initialize(f"127.0.0.1:{port}", PARTIES, rank, initialization_timeout=60)
+        jax.distributed.initialize(
+            f"127.0.0.1:{port}",
+            PARTIES,
+            rank,
+            initialization_timeout=PATIENCE_S,
+            heartbeat_timeout_seconds=PATIENCE_S,
+            shutdown_timeout_seconds=PATIENCE_S,
+        )
         assert jax.process_count() == PARTIES
         assert jax.local_device_count() == 1
         name = f"process{rank}"

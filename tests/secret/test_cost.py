@@ -20,6 +20,7 @@ from ciphernav_jax.protocols.messages import Opening
 from ciphernav_jax.secret import view
 from ciphernav_jax.secret.cost import Cost
 
+from ..patience import PATIENCE_S
 from .message_process import PARTIES, calls
 
 pytestmark = pytest.mark.newest_jax
@@ -263,7 +264,7 @@ def exchanged(tmp_path_factory):
         for rank in range(PARTIES)
     ]
     try:
-        errors = [process.communicate(timeout=240)[1] for process in processes]
+        errors = [process.communicate(timeout=PATIENCE_S)[1] for process in processes]
     finally:
         for process in processes:
             process.kill()

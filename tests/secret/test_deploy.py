@@ -12,12 +12,12 @@ import pytest
 import ciphernav_jax as cn
 from ciphernav_jax.protocols import party
 
+from ..patience import PATIENCE_S
 from .party_process import PARTIES, everything, inputs
 
 pytestmark = pytest.mark.newest_jax
 
 ROOT = Path(__file__).parents[2]
-TIME_LIMIT = 240
 
 
 def start(out, *arguments):
@@ -31,7 +31,7 @@ def start(out, *arguments):
 
 def finish(process):
     try:
-        _, errors = process.communicate(timeout=TIME_LIMIT)
+        _, errors = process.communicate(timeout=PATIENCE_S)
     finally:
         process.kill()
     assert process.returncode == 0, errors

@@ -3,7 +3,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from ciphernav_jax.world.grid import WALLS
 from ciphernav_jax.world.journal import Journal
 from ciphernav_jax.world.poses import CAMERAS
 from ciphernav_jax.world.shards import Request
+from tests.patience import wait_for
 
 
 def bytes_of(folder):
@@ -127,13 +127,6 @@ def test_records_without_their_images_count_for_nothing(arguments, tmp_path):
     assert (journal.shards, journal.views) == (0, 0)
     (partial / "record-00000.npz").unlink()  # whatever comes after it counts for nothing, too
     assert Journal(out, {}).shards == 0
-
-
-def wait_for(condition, seconds=60):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def alive(pid):

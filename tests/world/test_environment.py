@@ -12,6 +12,7 @@ from ciphernav_jax.world.environment import ObstacleWorld
 from ciphernav_jax.world.grid import GOAL, map_code
 from ciphernav_jax.world.poses import VIEWS
 from ciphernav_jax.world.scenario import Obstacle, Scenario
+from tests.patience import PATIENCE_S
 
 # The ring, with a box east of the second cell; the goal is two cells south of the start.
 WORLD = Scenario(11, 3, 10, (Obstacle(2, shape=0, colour=0, x=5.5, z=1.0, yaw=0.5),))
@@ -46,7 +47,7 @@ def test_registering_twice_is_silent():
 
 def test_make_by_the_module_alone():
     program = f"import gymnasium; gymnasium.make('ciphernav_jax.world:{ENVIRONMENT_ID}').reset(seed=0)"
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=PATIENCE_S)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import sys
 import pytest
 
 from ciphernav_jax.world import gl
+from tests.patience import PATIENCE_S
 
 
 def python(program, **variables):
@@ -13,7 +14,7 @@ def python(program, **variables):
         env={**os.environ, **variables},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
     )
 
 
@@ -41,7 +42,7 @@ ctypes.util.find_library = lambda name: None if name == "{library}" else find(na
 
 def test_probe_names_the_renderer():
     result = subprocess.run(
-        [sys.executable, "-m", "ciphernav_jax.world.gl"], capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "ciphernav_jax.world.gl"], capture_output=True, text=True, timeout=PATIENCE_S
     )
     assert result.returncode == 0, result.stderr
     assert "OpenGL" in result.stdout
