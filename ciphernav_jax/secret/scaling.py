@@ -153,9 +153,10 @@ def times_constant(x: Value, constant: np.ndarray) -> Value:
     constant = np.asarray(constant)
     _require_finite(constant)
     exact = dyadic(constant)
-    product = exact and _times_integers(x, *exact)
-    if product is not None:
-        return product
+    if exact is not None and (exact[1] <= _useful_bits(x) or largest(exact[0]) == 1):
+        product = _times_integers(x, *exact)
+        if product is not None:
+            return product
     if x.waits:
         return times_constant(x.settled, constant)
     return _times_float(x, constant.astype(np.float64))

@@ -5,7 +5,7 @@ is 2^-f and R = 2^(62 - 2f) is what shared values and products stay below. A bou
 off by at most a unit (P units for "wrap-count"), times what multiplies them afterwards.
 """
 
-from functools import cache
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +13,10 @@ import numpy as np
 import pytest
 
 import ciphernav_jax as cn
+from ciphernav_jax.protocols.party import ideal_sum
+from ciphernav_jax.protocols.run import plan
+from ciphernav_jax.secret.value import Value
+from ciphernav_jax.secret.witness import Witness
 
 MANY = 3000
 ENDS = np.array([0.9, -0.9, 0.9, -0.9, 1e-3, 0.0])
@@ -38,6 +42,7 @@ def arguments(f: int) -> dict[str, np.ndarray]:
         "m": exact(root * np.linspace(0.7, 0.9, MANY)),
         "s": exact(np.linspace(-3, 3, 6)),
         "b": np.array([True, False, True, False, True, False]),
+        "i": np.array([0, 1, -7, 12345, 2**31 - 1, -(2**31)], np.int32),
     }
 
 
@@ -47,19 +52,39 @@ def public(f: int) -> dict[str, np.ndarray]:
     return {
         "p": np.array([3e-7, -1e-3, 0.3, 1.0, -0.7, 1e-5]),
         "q": np.array([-1e9, 1e9, -reach / 2, reach / 2, 0.0, -1e9]),
+        "k": np.array([3, -1, 2, 0, 1000, -7]),
     }
+
+
+MIXED = np.array([1e3, 1e-3, 0.3, 7.0, -1e-6, 0.0])
+SMALL = np.array([1e-3, -1.0, 3e-7, 0.7, 0.5, 1e-9])
+TABLE = np.stack([MIXED, SMALL])
+
+
+MIXED = np.array([1e3, 1e-3, 0.3, 7.0, -1e-6, 0.0])
+SMALL = np.array([1e-3, -1.0, 3e-7, 0.7, 0.5, 1e-9])
+TABLE = np.stack([MIXED, SMALL])
+
+
+def scaled(truncations, product):
+    """Of a product with a constant: truncations, half a unit for what is below it, and 2^-f of itself."""
+    return lambda f, a: truncations + 0.5 + np.abs(product(a))
 
 
 def contexts():
     """(P, protocol): each number of parties, truncation and fractional bits."""
     yield 2, cn.Protocol()
-    yield 3, cn.Protocol(frac_bits=16, truncation="nearest")
-    yield 5, cn.Protocol(frac_bits=24, truncation="floor")
-    yield 2, cn.Protocol(frac_bits=16, comparison="resharing")
-    yield 3, cn.Protocol(truncation="ideal", comparison="ideal", multiplication="ideal")
+    yield 3, cn.Protocol(frac_bits=16, truncation="nearest", comparison="resharing")
+    yield 5, cn.Protocol(frac_bits=24, truncation="floor", comparison="ideal")
 
 
 CONTEXTS = list(contexts())
+
+
+def numbers(x):
+    """Of a product of x with numbers that only the run knows: their last bits are lost."""
+    return lambda f, a: 3 + np.abs(x(a)) * 2.0 ** -(f + 1)
+
 
 # name: (function of the arguments by name, bound in units: a number, or a function of f and the arguments)
 FUNCTIONS = {
@@ -101,34 +126,236 @@ FUNCTIONS = {
     "public maximum": (lambda a: jnp.maximum(a["q"], a["x"] * a["y"]), 1),
     "public mask": (lambda a: jnp.argmax(a["x"] * a["y"] + a["q"]), 0),
     "public sum": (lambda a: (a["x"] * a["y"] + a["q"]) * 0.5, 1.5),
+    # Constants.
+    "mixed": (lambda a: a["s"] * MIXED, scaled(3, lambda a: a["s"] * MIXED)),
+    "mixed at the ends": (lambda a: a["e"] * SMALL, scaled(3, lambda a: a["e"] * SMALL)),
+    "divided by mixed": (
+        lambda a: a["s"][:5] / TABLE[:, :5],
+        scaled(3, lambda a: a["s"][:5] / TABLE[:, :5]),
+    ),
+    "scaled product": (lambda a: a["x"] * a["y"] * 0.3, scaled(1.3, lambda a: a["e"] * 0.3)),
+    "a product by an integer": (lambda a: a["x"] * a["y"] * 3.0, 3),
+    "a large sum": (lambda a: jnp.sum(a["n"]) * 0.9, scaled(2, lambda a: np.sum(a["n"]) * 0.9)),
+    "a large sum by mixed": (lambda a: jnp.sum(a["n"]) * SMALL, scaled(5, lambda a: np.sum(a["n"]) * SMALL)),
+    "an integer": (lambda a: a["i"] * 3_000_001, 0),
+    "a real integer": (lambda a: a["i"].astype(float) * 0.3, scaled(1, lambda a: a["i"].astype(float) * 0.3)),
+    "a bit": (lambda a: a["b"].astype(float) * 0.3, 0.5),
+    "mean of bits": (lambda a: jnp.mean(a["b"][:5].astype(float)), 1.5),
+    "a row of a table": (lambda a: jax.nn.one_hot(a["i"][:2], 2) @ TABLE, 1.5),
+    "a sum of rows": (lambda a: a["b"].astype(float) @ np.outer(SMALL, SMALL), 2),
+    "by a matrix": (lambda a: a["e"] @ np.outer(SMALL, SMALL), lambda f, a: 2 + np.sum(np.abs(a["e"])) / 2),
+    # Numbers that only the run knows.
+    "by numbers": (lambda a: a["s"] * a["p"], numbers(lambda a: a["s"])),
+    "by numbers at the ends": (
+        lambda a: a["e"] * a["p"],
+        numbers(lambda a: a["e"]),
+    ),
+    "a large sum by a number": (
+        lambda a: jnp.sum(a["n"]) * a["p"][0],
+        numbers(lambda a: np.sum(a["n"])),
+    ),
+    "divided by a number": (
+        lambda a: a["s"] / (1 / a["p"]),
+        numbers(lambda a: a["s"]),
+    ),
+    "a bit by numbers": (lambda a: a["b"].astype(float) * a["p"], 0.5),
+    "an integer by numbers": (
+        lambda a: a["i"][:4].astype(float) * a["p"][:4],
+        2.5,
+    ),
+    "by integers": (lambda a: a["i"].astype(jnp.int64) * a["k"], 0),
+    # One of two numbers.
+    "divided by one of two": (
+        lambda a: a["e"] / jnp.where(a["b"], 3e6, 1.0),
+        scaled(3, lambda a: a["e"] / 3e6),
+    ),
+    "by one of two": (
+        lambda a: a["s"] * jnp.where(a["b"], 1e-5, a["p"]),
+        lambda f, a: 6 + np.abs(a["s"]) * 2.0 ** -(f + 1),
+    ),
+    # Loops, whose carry grows.
+    "decayed": (
+        lambda a: jax.lax.fori_loop(0, 9, lambda _, v: 0.9 * v + a["e"], a["e"]),
+        lambda f, a: 9 * (3 + 9 * np.abs(a["e"])),
+    ),
+    "running sums": (
+        lambda a: jax.lax.scan(lambda c, n: (c + n, (c + n) * 0.3), a["n"][0], a["n"][:20])[1],
+        lambda f, a: 4 + 0.3 * (a["n"][0] + np.cumsum(a["n"][:20])),
+    ),
+    "running sums in a branch": (
+        lambda a: jax.lax.cond(a["k"][0] > 2, lambda: jnp.sum(a["n"]), lambda: a["e"][0]) * 0.3,
+        scaled(2, lambda a: np.sum(a["n"]) * 0.3),
+    ),
 }
 
 
-@cache
-def results(parties, protocol):
-    """All functions in one compilation."""
+# Circuits are slow to compile: the other variants take a few functions each.
+FEW = ["sum of squares", "difference of products", "relu", "greater", "mixed at the ends", "a large sum"]
+CONTEXTS = [
+    (2, cn.Protocol(), list(FUNCTIONS)),
+    (3, cn.Protocol(frac_bits=16, comparison="ideal"), list(FUNCTIONS)),
+    (5, cn.Protocol(frac_bits=24, comparison="ideal"), list(FUNCTIONS)),
+    (3, cn.Protocol(truncation="nearest", comparison="masked-words"), FEW),
+    (2, cn.Protocol(frac_bits=16, truncation="floor", comparison="resharing"), FEW),
+]
 
-    @jax.jit
+
+@cache
+def results(number):
+    """All functions of a context in one compilation."""
+    parties, protocol, names = CONTEXTS[number]
+
+    # To compile it takes longer than to run it.
+    @partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
     def run(key, secret, known):
+        keys = jax.random.split(key)
         step = cn.secure(
-            lambda secret, known: {n: f(secret | known) for n, (f, _) in FUNCTIONS.items()}, protocol=protocol
+            lambda secret, known: {name: FUNCTIONS[name][0](secret | known) for name in names},
+            protocol=protocol,
         )
-        shared = cn.share(jax.random.fold_in(key, 1), secret, parties=parties, protocol=protocol)
-        return cn.reveal(step(key, shared, known))
+        return cn.reveal(step(keys[0], cn.share(keys[1], secret, parties=parties, protocol=protocol), known))
 
     f = protocol.frac_bits
     return run(jax.random.key(f), arguments(f), public(f))
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
-@pytest.mark.parametrize(("parties", "protocol"), CONTEXTS, ids=lambda x: str(x))
-def test_what_stays_within_the_contract_is_right(name, parties, protocol):
-    f = protocol.frac_bits
+@pytest.mark.parametrize(
+    ("context", "name"), [(i, name) for i, (_, _, names) in enumerate(CONTEXTS) for name in names]
+)
+def test_what_stays_within_the_contract_is_right(context, name):
+    f = CONTEXTS[context][1].frac_bits
     function, bound = FUNCTIONS[name]
     given = arguments(f) | public(f)
     expected = np.asarray(function({name: jnp.asarray(x) for name, x in given.items()}), np.float64)
-    error = np.abs(np.asarray(results(parties, protocol)[name], np.float64) - expected)
+    error = np.abs(np.asarray(results(context)[name], np.float64) - expected)
     assert error.shape == expected.shape
     bound = bound(f, given) if callable(bound) else bound
     # Float64 itself rounds in the last of 53 bits.
-    assert np.max(error) <= bound * 2.0**-f + 1e-14 * np.max(np.abs(expected))
+    assert np.all(error <= bound * 2.0**-f + 1e-14 * np.max(np.abs(expected)))
+
+
+class Bounded(Witness):
+    """Counts as failed what exceeds the bound that a value claims."""
+
+    def inside(self):
+        return Bounded(self.protocol, self.beside)
+
+    def evaluated(self, eqn, operands, results):
+        super().evaluated(eqn, operands, results)
+        for x in results:
+            if isinstance(x, Value):
+                word = jax.lax.bitcast_convert_type(ideal_sum(x.share), jnp.int64)
+                self._row.add("failed", jnp.sum(jnp.abs(word) > x.bound, dtype=jnp.int64))
+
+
+def test_no_value_exceeds_its_bound():
+    def function(secret, known):
+        return {name: FUNCTIONS[name][0](secret | known) for name in FUNCTIONS}
+
+    protocol = cn.Protocol(comparison="ideal", multiplication="ideal", truncation="ideal")
+    step = cn.secure(function, protocol=protocol)
+    f = protocol.frac_bits
+    shared = cn.share(jax.random.key(0), arguments(f), parties=2, protocol=protocol)
+
+    @partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
+    def exceeding(key, *args):
+        _, notes = step.witnessed(key, args, Bounded(protocol, beside=False))
+        return notes.total["failed"], notes.total["truncations"]
+
+    failed, truncations = exceeding(jax.random.key(1), shared, public(f))
+    assert np.sum(truncations) > MANY
+    assert np.sum(failed) == 0
+
+
+HUGE = {
+    "mean": lambda x, p: jnp.mean(x),
+    "variance": lambda x, p: jnp.var(x),
+    "scaled": lambda x, p: jnp.cumsum(x * 3e-7) * 0.3,
+    "products": lambda x, p: jnp.sum(x * x - x * x * 0.7) / 3,
+    "numbers": lambda x, p: jnp.sum(jnp.sum(x * p) * p),
+    "contraction": lambda x, p: jax.nn.relu((x @ x + x[:1]) * 0.1) @ p[:1],
+}
+# Constants of that shape would be made while tracing.
+LARGE = {
+    "selected": lambda x, p: jnp.sum(jnp.where(x * x > 0.5, jnp.clip(x * x, -1, 0.7), x) * 0.01),
+    "gradient": lambda x, p: jax.grad(lambda x: jnp.mean((x * p - 0.3) ** 2))(x),
+}
+
+
+class Planned(Exception):
+    pass
+
+
+@pytest.mark.parametrize(
+    "protocol",
+    [
+        cn.Protocol(1),
+        cn.Protocol(16, truncation="nearest"),
+        cn.Protocol(),
+        cn.Protocol(truncation="nearest"),
+        cn.Protocol(30),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("count", [1000, 2**30])
+def test_no_bits_run_out_for_a_thousand_million_entries(protocol, count):
+    """Traced alone. A value that cannot be truncated when its turn comes would raise."""
+
+    def functions(x, p):
+        x = jnp.broadcast_to(x, (count,))
+        chosen = HUGE if count > 10**6 else HUGE | LARGE
+        return {name: function(x, p) for name, function in chosen.items()}
+
+    def planned(program, key, parties, private, public, *_):
+        assert len(plan(program, parties, private, public).requests) > 30
+        raise Planned
+
+    step = cn.secure(functions, protocol=protocol)
+    with pytest.raises(Planned):
+        jax.eval_shape(
+            lambda key, x, p: step.evaluate(
+                key, (cn.share(key, x, parties=2, protocol=protocol), p), planned
+            ),
+            *(jax.random.key(0), jax.ShapeDtypeStruct((), float), jax.ShapeDtypeStruct((count,), float)),
+        )
+
+
+def test_range_bits_hold_for_what_is_compared():
+    """15 and -15 differ by 30, which needs one bit more."""
+    protocol = cn.Protocol(range_bits=4)
+    x, y = np.array([15.0, -15.0, 15.0]), np.array([-15.0, 15.0, 15.0])
+
+    def function(x, y):
+        return (
+            x > y,
+            x * 0.9 >= y * 0.9,
+            jnp.maximum(x, y),
+            jnp.min(jnp.stack([x, y]), 0),
+            jnp.argmax(jnp.stack([x, y]), 0),
+            jnp.sign(x),
+        )
+
+    shared = cn.share(jax.random.key(0), (x, y), parties=3, protocol=protocol)
+    found = cn.reveal(cn.secure(function, protocol=protocol)(jax.random.key(1), *shared))
+    expected = function(*map(jnp.asarray, (x, y)))
+    for got, exact in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(got, exact)
+
+
+def test_local_truncation_gets_shares_that_are_random():
+    """Shares of x - x, of a multiple of 0, of a constant, and of what was truncated locally, are not."""
+    protocol = cn.Protocol(truncation="local")
+
+    def function(x):
+        return (
+            (x - x - 1.0) * 0.3,
+            (x * np.array([0.0, 1.0]) - 1.0) * 0.3,
+            jnp.concatenate([x, np.array([-1.0, -2.0])]) * 0.3,
+            jnp.broadcast_to(x * 0.3 * 2.0**-10, (20_000, 2)) * 0.3,
+        )
+
+    x = np.array([1.0, 2.0])
+    shared = cn.share(jax.random.key(0), x, parties=2, protocol=protocol)
+    found = cn.reveal(cn.secure(function, protocol=protocol)(jax.random.key(1), shared))
+    for got, exact in zip(found, function(x), strict=True):
+        np.testing.assert_allclose(got, exact, rtol=0, atol=4 * 2.0**-20)
