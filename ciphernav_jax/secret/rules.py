@@ -248,7 +248,7 @@ def _neg(context: Context, x: Value) -> Value:
 @rule("reduce_sum")
 def _reduce_sum(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Value:
     count = math.prod(x.shape[axis] for axis in axes)
-    return x.summed(count, lambda share: jnp.sum(share, axis=axes, dtype=jnp.uint64))
+    return x.summed(count, lambda share: jnp.sum(share, axis=axes, dtype=jnp.uint64), axes)
 
 
 @rule("cumsum")

@@ -153,6 +153,8 @@ def times_constant(x: Value, constant: np.ndarray) -> Value:
     constant = np.asarray(constant)
     _require_finite(constant)
     exact = dyadic(constant)
+    if exact is None or exact[1] > 0:
+        x = x.shorter
     if exact is not None and (exact[1] <= _useful_bits(x) or largest(exact[0]) == 1):
         product = _times_integers(x, *exact)
         if product is not None:
@@ -222,7 +224,7 @@ def times_public(x: Value, public: Array) -> Value:
         if x.waits and bound > x.most(x.frac_bits):
             return times_public(x.settled, public)
         return Value(x.context, x.frac_bits, bound, share=x.share * ring.encode(public, 0))
-    x = x.settled
+    x = x.settled.shorter
 
     def times_limb(x: Value, limb: Array, e: int, largest: int) -> Value:
         frac_bits = x.frac_bits + e

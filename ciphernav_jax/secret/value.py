@@ -9,6 +9,7 @@ A value that waits must still be truncatable when its turn comes. So each carrie
 contract and from what was done to it (`secret.bounds`), and what could leave the ring is truncated first.
 """
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -74,6 +75,8 @@ class Value:
         excess: ring integers with the protocol's fractional bits that `relu` adds; see `add`.
         fresh: whether each entry's shares are known to be uniform, whatever the value.
         in_range: this integer in the ranges of types, of those that were asked for; see `secret.integers`.
+        coarse: the same with fewer fractional bits, of a sum that is larger than a result may be before a
+            constant scales it down; see `summed`.
         doubled: whether this is a difference of two values that are compared.
         reference, row: where a witness stands beside the program, what the value should be, and the
             equation that made it (`secret.witness`).
@@ -94,6 +97,7 @@ class Value:
         settle: Callable[[], "Value"] | None = None,
         excess: Array | None = None,
         fresh: bool = False,
+        coarse: Callable[[], "Value"] | None = None,
     ):
         self.context = context
         self.frac_bits = frac_bits
@@ -103,6 +107,7 @@ class Value:
         self.in_range: dict[np.dtype, Value] = {}
         self.excess = excess
         self.fresh = fresh
+        self.coarse = coarse
         self.doubled = False
         self._settle = settle
         if share is not None:
@@ -147,6 +152,7 @@ class Value:
             excess=excess,
             settle=settle,
             fresh=self.fresh,
+            coarse=None if self.coarse is None else lambda: self.shorter.moved(move),
         )
         return result
 
@@ -223,6 +229,8 @@ class Value:
 
     def scaled(self, exponent: int) -> "Value":
         """This value times 2^-exponent: the same shares read with other fractional bits. Local, exact."""
+        if self.coarse is not None and exponent > 0:
+            return self.shorter.scaled(exponent)
         frac_bits = self.frac_bits + exponent
         if frac_bits < 0:
             return Value(self.context, 0, self.bound << -frac_bits, share=self.share << -frac_bits)
@@ -250,7 +258,7 @@ class Value:
 
         if frac_bits <= protocol.frac_bits or a + b <= self.most(frac_bits):
             return self._plus(other, frac_bits, None)
-        if frac_bits > 2 * protocol.frac_bits:
+        if frac_bits > 2 * protocol.frac_bits or self.excess is not None or other.excess is not None:
             return settle()
         if a + b <= bounds.SIGNED:
             return self._plus(other, frac_bits, settle)
@@ -298,12 +306,45 @@ class Value:
         both.doubled = self.doubled
         return both
 
-    def summed(self, count: int, total: Move) -> "Value":
-        """Sums of up to `count` entries each, as `total` says of arrays."""
+    def summed(self, count: int, total: Move, axes: tuple[int, ...] | None = None) -> "Value":
+        """Sums of up to `count` entries each, as `total` says of arrays; `axes`: over all of those.
+
+        A sum is exact modulo 2^64. Where it may be larger than a result it is only of use once it is scaled
+        down, as by a mean. It is then taken again without its last bits: those of sums of as many entries as
+        fit are truncated, and then added up.
+        """
         x = self
         if self.waits and self.bound * count > self.most(self.frac_bits):
             x = self.settled
-        return Value(x.context, x.frac_bits, x.bound * count, share=total(x.share))
+        most = bounds.resting(x.context.protocol, x.frac_bits)
+
+        def coarse() -> Value:
+            parts, number, add = x, count, total
+            if axes is not None:
+                parts = x._added_up(axes, max(1, 2**61 // x.bound))
+                number, add = parts.shape[0], lambda share: jnp.sum(share, axis=0, dtype=jnp.uint64)
+            cut = next(s for s in itertools.count() if -(-parts.bound >> s) * number <= most)
+            parts = parts.truncated(x.frac_bits - cut)
+            return Value(x.context, parts.frac_bits, parts.bound * number, share=add(parts.share))
+
+        large = x.frac_bits > 0 and not x.waits and x.bound * count > most
+        return Value(
+            x.context, x.frac_bits, x.bound * count, share=total(x.share), coarse=coarse if large else None
+        )
+
+    def _added_up(self, axes: tuple[int, ...], size: int) -> "Value":
+        """Sums over axes, of up to `size` entries each: those of the others are along the first axis."""
+        share = jnp.moveaxis(self.share, axes, range(len(axes)))
+        share = share.reshape(-1, *share.shape[len(axes) :])
+        size = min(size, len(share))
+        share = jnp.pad(share, [(0, -len(share) % size), *[(0, 0)] * (share.ndim - 1)])
+        share = jnp.sum(share.reshape(-1, size, *share.shape[1:]), axis=1, dtype=jnp.uint64)
+        return Value(self.context, self.frac_bits, self.bound * size, share=share)
+
+    @cached_property
+    def shorter(self) -> "Value":
+        """This value, or what is `coarse` of it."""
+        return self if self.coarse is None else self.coarse()
 
     # --- non-linear operations ---
 

@@ -359,3 +359,23 @@ def test_local_truncation_gets_shares_that_are_random():
     found = cn.reveal(cn.secure(function, protocol=protocol)(jax.random.key(1), shared))
     for got, exact in zip(found, function(x), strict=True):
         np.testing.assert_allclose(got, exact, rtol=0, atol=4 * 2.0**-20)
+
+
+def test_sums_that_are_larger_than_any_result_have_a_mean():
+    """Of 16 million entries, in the three ways to divide by their number."""
+    count, x, y = 2**24, np.array(1500.0), np.array(2500.25)
+
+    def function(x, y, n):
+        entries = jnp.broadcast_to(x * y, (count,))
+        odd = entries[1:]
+        return jnp.mean(entries), jnp.mean(odd), jnp.sum(odd) / n, jnp.sum(entries * 2.0**-20)
+
+    shared = cn.share(jax.random.key(0), (x, y), parties=2)
+    found = cn.reveal(cn.secure(function)(jax.random.key(1), *shared, np.float64(count - 1)))
+    # The product is exact; a constant and a number are right to 2^-20 and 2^-41 of themselves.
+    unit, product = 2.0**-20, 1500 * 2500.25
+    assert abs(found[0] - product) <= 2 * unit
+    assert abs(found[1] - product) <= (4 + product) * unit
+    assert abs(found[2] - product) <= 4 * unit + product * (count - 1) * 2.0**-41
+    # Each product is truncated by itself.
+    assert abs(found[3] - count * product * 2.0**-20) <= count * unit
