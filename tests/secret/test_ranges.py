@@ -259,7 +259,7 @@ def test_no_value_exceeds_its_bound():
 
     @partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
     def exceeding(key, *args):
-        _, notes = step.witnessed(key, args, Bounded(protocol, beside=False))
+        _, (notes, _) = step.witnessed(key, args, Bounded(protocol, beside=False))
         return notes.total["failed"], notes.total["truncations"]
 
     failed, truncations = exceeding(jax.random.key(1), shared, public(f))
