@@ -18,7 +18,7 @@ from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import reveal, secure, share, simulate
 from ciphernav_jax.secret.programs import ALLOWED, MAPS
 
-KEY = keys.root(0)
+ROOT = keys.root(0)
 RNG = np.random.default_rng(0)
 W, X, Y = (RNG.normal(size=shape).astype(np.float32) for shape in ((4, 3), (5, 4), (5, 3)))
 BOUND = 1e-3  # a wide one: some thousand units
@@ -30,7 +30,12 @@ def loss(factor: float) -> Callable[..., jax.Array]:
 
 def by_itself(factor: float) -> Callable[..., jax.Array]:
     step = secure(jax.grad(loss(factor)))
-    return lambda w: reveal(step(KEY, share(KEY, w, parties=2)))
+
+    def through_shares(key, w):
+        secret = share(keys.derive(key, "share"), w, parties=2)
+        return reveal(step(keys.derive(key, "step"), secret))
+
+    return through_shares
 
 
 def part_of_another(factor: float) -> Callable[..., jax.Array]:
@@ -39,7 +44,7 @@ def part_of_another(factor: float) -> Callable[..., jax.Array]:
 
 def through_the_protocol(factor: float) -> Callable[..., jax.Array]:
     simulated = simulate(loss(factor), parties=2)
-    return jax.grad(lambda w: simulated(KEY, w))
+    return jax.grad(simulated, argnums=1)
 
 
 def main() -> None:
@@ -49,15 +54,15 @@ def main() -> None:
     functions = [ways[i % len(ways)](factor) for i, factor in enumerate(factors)]
     expected = jax.grad(loss(1.0))(W)
     most = 0
-    for again in (False, True):
+    for done in ("compiled", "called again"):
         for i, (factor, function) in enumerate(zip(factors, functions, strict=True)):
-            error = np.max(np.abs(function(W) - factor * expected))
+            error = np.max(np.abs(function(keys.derive(ROOT, done, i), W) - factor * expected))
             if error > BOUND:
                 raise SystemExit(f"function {i}, {ways[i % len(ways)].__name__}, is {error:g} off")
             with MAPS.open("rb") as lines:
                 most = max(most, sum(1 for _ in lines))
             if i % 10 == 9:
-                print(f"{'called again' if again else 'compiled'} {i + 1}, {most:,} maps at most", flush=True)
+                print(f"{done} {i + 1}, {most:,} maps at most", flush=True)
     print(f"{count} functions, {most:,} of {int(ALLOWED.read_text()):,} maps at most")
 
 
