@@ -108,8 +108,8 @@ class Notes:
             first = _earlier(first, (jnp.where(number > 0, number + before, 0), magnitude))
             before += len(part.sites)
         columns = [(part.largest, part.total) for part in parts]
-        joined = jax.tree.map(lambda *x: jnp.concatenate(x), *columns)
-        return Notes(tuple(site for part in parts for site in part.sites), *joined, first)
+        largest, total = jax.tree.map(lambda *x: jnp.concatenate(x), *columns)
+        return Notes(tuple(site for part in parts for site in part.sites), largest, total, first)
 
 
 def _earlier(first: tuple[Array, Array], later: tuple[Array, Array]) -> tuple[Array, Array]:
