@@ -12,6 +12,8 @@ from jax import lax
 import ciphernav_jax as cn
 from ciphernav_jax.secret import KeyReuseWarning, fresh, view
 
+pytestmark = pytest.mark.newest_jax
+
 KEY = jax.random.key(1)
 KEYS = jax.random.split(KEY, 3)
 X = np.arange(6.0).reshape(3, 2)

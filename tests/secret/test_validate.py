@@ -15,6 +15,8 @@ import ciphernav_jax as cn
 from ciphernav_jax.experiments import primitives
 from ciphernav_jax.experiments.work import works
 
+pytestmark = pytest.mark.newest_jax
+
 KEY = jax.random.key(1)
 BIG = np.full(4, 3000.0)  # its square does not fit
 SOURCE = Path(__file__).read_text().splitlines()
