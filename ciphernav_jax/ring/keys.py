@@ -44,12 +44,11 @@ def root(seed: int) -> Array:
         seed: any integer. It is no secret worth the name: a deployment's keys come from its operating system.
     """
     digest = hashlib.sha256(f"ciphernav_jax root key {int(seed)}".encode()).digest()
-    return jax.random.wrap_key_data(
-        np.frombuffer(digest, "<u4", SHORT).astype(np.uint32), impl="threefry2x32"
-    )
+    data = jnp.asarray(np.frombuffer(digest, "<u4", SHORT).astype(np.uint32))
+    return jax.random.wrap_key_data(data, impl="threefry2x32")
 
 
-def derive(key: Array, *purpose: str | int | Array) -> Array:
+def derive(key: Array, *purpose: str | int | Array | np.ndarray) -> Array:
     """The key for a purpose: the same key and purpose give the same, any other an independent one.
 
     In steps too: `derive(key, a, b)` is `derive(derive(key, a), b)`.
@@ -107,7 +106,7 @@ def _counter(part: Any) -> tuple[Any, Any]:
         high, low = np.frombuffer(hashlib.sha256(part.encode()).digest(), "<u4", 2).astype(np.uint32)
         return NAME | high >> np.uint32(2), low
     whole = isinstance(part, int) and not isinstance(part, bool)
-    if not whole and not (hasattr(part, "dtype") and jnp.issubdtype(part.dtype, np.integer)):
+    if not whole and not jnp.issubdtype(getattr(part, "dtype", np.bool_), np.integer):
         raise TypeError(f"a key's purpose is made of names and integers, got {part!r}")
     bound = 1 << NUMBER_BITS - 1
     if not isinstance(part, Tracer) and not np.all((-bound <= part) & (part < bound)):

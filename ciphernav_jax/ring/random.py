@@ -83,7 +83,7 @@ def _threefry(data: Array, count: int) -> list[UInt64[Array, " count"]]:
     """One row of words."""
     # The keys that are derived from a key, and what `jax.random` makes of it, encrypt other numbers.
     key = keys.cipher_key(data)
-    return _kept(lambda i: [threefry.block(key, (keys.STREAM, i))], count)
+    return _kept(lambda i: [threefry.block(key, (jnp.uint32(keys.STREAM), i))], count)
 
 
 def _chacha20(data: Array, count: int) -> list[UInt64[Array, " n"]]:

@@ -353,6 +353,7 @@ def _times(plan: Plan, place: tuple[int, ...]) -> Iterator[int]:
     """How often each loop on the way to a place is run."""
     for number in place[:-1]:
         request = plan.requests[number]
+        assert isinstance(request, Repeated)
         yield request.times
         plan = request.plan
 
