@@ -109,7 +109,9 @@ def _counter(part: Any) -> tuple[Any, Any]:
     if not whole and not jnp.issubdtype(getattr(part, "dtype", np.bool_), np.integer):
         raise TypeError(f"a key's purpose is made of names and integers, got {part!r}")
     bound = 1 << NUMBER_BITS - 1
-    if not isinstance(part, Tracer) and not np.all((-bound <= part) & (part < bound)):
+    # As numpy: in JAX, -2^60 would be of the array's own type, and wrap around in a narrow one.
+    known = None if isinstance(part, Tracer) else np.asarray(part)
+    if known is not None and not np.all((-bound <= known) & (known < bound)):
         raise ValueError(f"integers in a key's purpose lie in [-2^60, 2^60), got {part}")
     number = jnp.asarray(part).astype(jnp.uint64)
     high, low = (number >> 32).astype(jnp.uint32), number.astype(jnp.uint32)

@@ -68,8 +68,8 @@ def reciprocal(context: Context, x: Public) -> Public:
     if isinstance(x, np.ndarray):
         if np.any(x == 0):
             raise NotUsable("a secret is divided by 0")
-    else:
-        context.find("a public number that divides a secret is 0", x == 0)
+        return np.asarray(1.0 / x)  # of a scalar too: still a constant
+    context.find("a public number that divides a secret is 0", x == 0)
     return 1.0 / x
 
 

@@ -115,6 +115,11 @@ def test_a_root_key_is_that_of_no_seed_of_jax():
     np.testing.assert_array_equal(data(keys.root(7)), data(keys.root(np.int64(7))))
 
 
+def test_integers_of_any_type_are_the_same_purpose():
+    for number in (np.uint32(7), jnp.uint32(7), jnp.int8(7), np.asarray(7)):
+        np.testing.assert_array_equal(data(keys.derive(KEY, number)), data(keys.derive(KEY, 7)))
+
+
 def test_what_is_no_purpose_raises():
     with pytest.raises(ValueError, match="needs a purpose"):
         keys.derive(KEY)

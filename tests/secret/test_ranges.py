@@ -379,3 +379,13 @@ def test_sums_that_are_larger_than_any_result_have_a_mean():
     assert abs(found[2] - product) <= 4 * unit + product * (count - 1) * 2.0**-41
     # Each product is truncated by itself.
     assert abs(found[3] - count * product * 2.0**-20) <= count * unit
+
+
+def test_a_quotient_by_a_number_is_a_scaling_by_a_constant():
+    """Of one number too, so that it may be as large as a result."""
+    x = np.array([4e6, -3e6, 0.5])
+    step = cn.secure(lambda x: x / 0.05)
+    shared = cn.share(jax.random.key(1), x, parties=2)
+    got = cn.reveal(step(jax.random.key(2), shared))
+    np.testing.assert_allclose(got, x / 0.05, rtol=2.0**-20)
+    assert cn.cost(step, shared).openings == cn.cost(cn.secure(lambda x: x * (1 / 0.05)), shared).openings
