@@ -1,0 +1,80 @@
+"""Draws and checks random programs of every variant and several numbers of parties; prints what it finds.
+
+    python -m tests.secret.random_programs                      # 100 of each: about 7,000 programs
+    python -m tests.secret.random_programs --count 20 --only truncation=nearest --parties 2 3
+    python -m tests.secret.random_programs --only default --parties 2 --numbers 17     # one program again
+
+A file keeps what is done, and a run that was stopped goes on from it. Exit code 1 where anything was found.
+To try another commit, copy this folder into its `tests/secret`.
+"""
+
+import argparse
+import itertools
+import json
+import multiprocessing
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from .variants import PARTIES, Task, part, variants
+
+PART = 10  # programs that are checked, and kept as done, together
+
+
+def tasks(options: argparse.Namespace) -> Iterator[Task]:
+    for (name, protocol), parties in itertools.product(variants().items(), options.parties):
+        if options.only and name not in options.only:
+            continue
+        if protocol.truncation != "local" or parties == 2:
+            numbers = options.numbers or list(range(options.count))
+            for i in range(0, len(numbers), PART):
+                yield name, parties, options.seed, numbers[i : i + PART], options.widest
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="programs", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument(
+        "--count", type=int, default=100, help="programs of each variant and number of parties"
+    )
+    parser.add_argument("--parties", type=int, nargs="+", default=PARTIES)
+    parser.add_argument("--only", nargs="+", help=f"variants: {'; '.join(variants())}")
+    parser.add_argument("--numbers", type=int, nargs="+", help="these programs alone")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--widest", type=int, default=2**20, help="most entries of an array")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--out", type=Path, help="file of results, a line of JSON for each part")
+    options = parser.parse_args()
+
+    known = (
+        [json.loads(line) for line in options.out.read_text().splitlines()]
+        if options.out and options.out.exists()
+        else []
+    )
+    done = {(x["variant"], x["parties"], x["seed"], *x["numbers"]) for x in known}
+    left = [task for task in tasks(options) if (*task[:3], *task[3]) not in done]
+    with multiprocessing.get_context("spawn").Pool(options.jobs, maxtasksperchild=20) as pool:
+        for result in pool.imap_unordered(part, left):
+            known.append(result)
+            if options.out:
+                with options.out.open("a") as file:
+                    file.write(json.dumps(result) + "\n")
+            print(
+                f"{result['variant']}, P = {result['parties']}: {len(result['numbers'])} programs, "
+                f"{len(result['found'])} found, {result['cpu_seconds']} s of CPU",
+                flush=True,
+            )
+            for x in result["found"]:
+                print(
+                    f"  number {x['number']}: {x['what']}\n"
+                    + "".join(f"    {line}\n" for line in x["program"].splitlines()),
+                    flush=True,
+                )
+    total, found = sum(len(x["numbers"]) for x in known), sum(len(x["found"]) for x in known)
+    print(f"{total} programs, {found} found, {sum(x['cpu_seconds'] for x in known):.0f} s of CPU")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
