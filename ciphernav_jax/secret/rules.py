@@ -262,6 +262,8 @@ def _convert(context: Context, x: Value, *, new_dtype: np.dtype, **_: Any) -> Op
         return _different(context, x, np.array(0))
     if x.frac_bits > 0 and not jnp.issubdtype(new_dtype, np.floating):
         raise Unsupported(f"a secret with a fractional part cannot be rounded to {np.dtype(new_dtype).name}")
+    if jnp.issubdtype(new_dtype, np.floating):
+        return x.at_most(bounds.at_rest(context.protocol, np.dtype(new_dtype)), context.protocol.frac_bits)
     return x
 
 

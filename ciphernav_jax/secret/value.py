@@ -128,6 +128,12 @@ class Value:
         """Another value of this precision and bound."""
         return Value(self.context, self.frac_bits, self.bound, share=share)
 
+    def at_most(self, bound: int, frac_bits: int) -> "Value":
+        """This value, of which the contract says that with so many fractional bits it is within the bound."""
+        if self.bound_at(frac_bits) <= bound:
+            return self
+        return Value(self.context, self.frac_bits, bound >> frac_bits - self.frac_bits, share=self.share)
+
     def bound_at(self, frac_bits: int) -> int:
         """The bound with other fractional bits."""
         shift = frac_bits - self.frac_bits

@@ -77,3 +77,16 @@ def test_unsigned_integers_of_64_bits_do_not_fall_below_0():
         with pytest.raises(NotImplementedError, match=r"below 0.*Convert to int64"):
             cn.secure(f)(jax.random.key(1), x)
     np.testing.assert_array_equal(cn.reveal(cn.secure(lambda x: 3 * x + 1)(jax.random.key(1), x)), [4, 7])
+
+
+def test_integers_of_64_bits_become_floats_within_the_range_of_results():
+    x = np.array([-1000, 3, 2**21 + 1, 999], np.int64)
+
+    def floats(x):
+        y = x.astype(np.float64)
+        return y * 2.5e-5, x / 7, jnp.mean(x), jnp.mean((y / 1024.0) ** 2), y * 0.3 - 1.0
+
+    secret = cn.share(jax.random.key(0), x, parties=2)
+    got = cn.reveal(cn.secure(floats)(jax.random.key(1), secret))
+    for found, exact in zip(got, floats(jnp.asarray(x)), strict=True):
+        np.testing.assert_allclose(found, exact, rtol=2e-6, atol=2e-5)
