@@ -15,7 +15,6 @@ import ciphernav_jax as cn
 from ciphernav_jax.experiments import primitives
 from ciphernav_jax.experiments.work import works
 
-
 KEY = jax.random.key(1)
 BIG = np.full(4, 3000.0)  # its square does not fit
 SOURCE = Path(__file__).read_text().splitlines()
