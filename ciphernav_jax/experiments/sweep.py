@@ -140,7 +140,8 @@ def _begun(path: Path, configuration: dict[str, Any]) -> dict[str, Any]:
             )
     with files.fitting(path, "remove it to start anew"):
         for result in found["results"]:
-            _row(result), _short_row(result)
+            _row(result)
+            _short_row(result)
     return found
 
 

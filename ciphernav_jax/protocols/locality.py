@@ -70,8 +70,8 @@ def require_in_step(jaxpr: ClosedJaxpr, own: int) -> None:
     Raises:
         ValueError: something is opened in a branch or a loop whose condition may differ between parties.
     """
-    jaxpr = opened_up(jaxpr)[0]
-    _differing(jaxpr, [i < own for i in range(len(jaxpr.invars))])
+    program = opened_up(jaxpr)[0]
+    _differing(program, [i < own for i in range(len(program.invars))])
 
 
 def inner_jaxprs(eqn: JaxprEqn) -> Iterator[Jaxpr]:

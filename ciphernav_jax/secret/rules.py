@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 from contextlib import nullcontext
 from functools import partial
-from typing import Any
+from typing import Any, TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -331,7 +331,7 @@ def _dot_general(
 # --- comparisons: x > y is (x - y) > 0, exact in units of the last place ----------------------------
 
 
-def _beyond(context: Context, x: Operand) -> bool:
+def _beyond(x: Operand, context: Context) -> TypeGuard[np.ndarray]:
     """Whether this is a constant whose entries are all larger in magnitude than any secret, or NaN."""
     if not isinstance(x, np.ndarray) or not x.size:
         return False
@@ -354,7 +354,7 @@ def _comparison(compare: Callable[[Context, Operand, Operand], Operand], known: 
 
     def rule(context: Context, x: Operand, y: Operand) -> Operand:
         for one, other in ((x, y), (y, x)):
-            if isinstance(one, Value) and _beyond(context, other):
+            if isinstance(one, Value) and _beyond(other, context):
                 zero = np.zeros((), other.dtype)  # as good as any secret
                 return np.broadcast_to(known(zero, y) if one is x else known(x, zero), one.shape)
         return compare(context, x, y)
@@ -427,7 +427,7 @@ def _is_finite(context: Context, x: Value) -> np.ndarray:
 def _never_chosen(context: Context, x: Operand, y: Operand, above: bool) -> Operand | None:
     """The other operand where one is a constant above all secrets, or with `above` false below them."""
     for secret, public in ((x, y), (y, x)):
-        if isinstance(secret, Value) and _beyond(context, public):
+        if isinstance(secret, Value) and _beyond(public, context):
             shape = np.broadcast_shapes(secret.shape, np.shape(public))
             if np.all(public > 0 if above else public < 0):
                 return secret.moved(partial(jnp.broadcast_to, shape=shape))

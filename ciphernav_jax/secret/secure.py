@@ -323,7 +323,8 @@ def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
             _check_dtype(name, eqn)
             rule = RULES[name]
             if name in TYPED:
-                rule = partial(rule, dtype=eqn.outvars[0].aval.dtype)
+                dtype = eqn.outvars[0].aval.dtype  # pyright: ignore[reportAttributeAccessIssue]
+                rule = partial(rule, dtype=dtype)
         else:
             raise Unsupported("it has no rule")
         with jax.named_scope(f"primitive:{name}"):
