@@ -27,7 +27,7 @@ from ciphernav_jax.navigation.samples import Samples
 from ciphernav_jax.navigation.storage import Checkpoint
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
-from ciphernav_jax.secret import audit, reveal, secure, share
+from ciphernav_jax.secret import Secret, audit, reveal, secure, share
 
 GRAPH = nnx.split(ActionClassifier(nnx.Rngs(0)))[0]
 
@@ -138,27 +138,20 @@ def train(
     Raises:
         ValueError: fewer than two parties.
     """
-    weights = initial(seed)
-    state = (weights, jax.tree.map(jnp.zeros_like, weights))
-    robot = features.robot(samples.env, samples.cell, samples.heading, samples.goal)
-    data = (features.cameras, robot, one_hot(samples))
+    state, data = at_start(features, samples, seed)
     protocol = None if parties is None else protocol or Protocol()
     if parties is not None:
-        state = share(keys.derive(key, "weights"), state, parties=parties, protocol=protocol)
-        data = share_training_data(keys.derive(key, "data"), data, parties, protocol)
+        state, data = share_at_start(key, state, data, parties, protocol)
 
     done, state, curve = checkpoint.restore(state)
     compiled: dict[int, Any] = {}
     began = time.perf_counter()
     while done < recipe.steps:
         steps = np.arange(done, min(done + recipe.chunk, recipe.steps))
-        rows = np.stack([_batch_rows(step, len(samples), recipe.batch, seed) for step in steps.tolist()])
-        decay = (1 - steps / recipe.steps * (recipe.schedule == "linear")).astype(np.float32)
         total = jnp.float32(0)
         if parties is not None:
-            total = share(keys.derive(key, "loss", done), total, parties=parties, protocol=protocol)
-        batches = (steps, decay, samples.env[rows], rows)
-        args = (key, (*state, total), data, batches)
+            total = share_loss(key, done, parties, protocol)
+        args = (key, (*state, total), data, batches(samples, recipe, seed, steps))
         timing = {}
         if len(steps) not in compiled:  # the last chunk may be shorter
             before = time.perf_counter()
@@ -197,23 +190,18 @@ def _run(
     Returns:
         The next state, the right answers of the last batch, and the truncations and those that failed.
     """
-    cameras, robot, labels = data
     evaluate = functools.partial(_secretly, protocol) if protocol else _openly
     advance, count = evaluate(functools.partial(sgd_step, recipe=recipe)), evaluate(count_right)
-
-    def samples(env, row):
-        return (*(camera[env] for camera in cameras), *(slot[row] for slot in robot)), labels[row]
 
     def body(carry, batch):
         state, truncations = carry
         step, decay, env, row = batch
-        state, more = advance(keys.derive(of_steps, step), state, *samples(env, row), decay)
+        state, more = advance(step_key(key, step), state, *of_batch(data, env, row), decay)
         return (state, jax.tree.map(jnp.add, truncations, more)), None
 
-    of_steps = keys.derive(key, "step")
     (state, truncations), _ = jax.lax.scan(body, (state, NO_TRUNCATIONS), batches)
-    last, _, env, row = (of_batch[-1] for of_batch in batches)
-    right, more = count(keys.derive(key, "right answers", last), state[0], *samples(env, row))
+    last, _, env, row = (each[-1] for each in batches)
+    right, more = count(keys.derive(key, "right answers", last), state[0], *of_batch(data, env, row))
     return state, right, jax.tree.map(jnp.add, truncations, more)
 
 
@@ -231,6 +219,48 @@ def _openly(function: Callable[..., Any]) -> Callable[..., Any]:
 def one_hot(samples: Samples) -> NDArray[np.float32]:
     """float32[S, 5]: the right actions."""
     return np.eye(ACTIONS, dtype=np.float32)[samples.action]
+
+
+def at_start(features: Features, samples: Samples, seed: int) -> tuple[tuple, tuple]:
+    """What `train` starts with, in the clear: weights and velocity, and the cameras', the robot's slots and
+    labels.
+    """
+    weights = initial(seed)
+    robot = features.robot(samples.env, samples.cell, samples.heading, samples.goal)
+    return (weights, jax.tree.map(jnp.zeros_like, weights)), (features.cameras, robot, one_hot(samples))
+
+
+def share_at_start(
+    key: jax.Array, state: tuple, data: tuple, parties: int, protocol: Protocol | None = None
+) -> tuple[tuple, tuple]:
+    """All that is shared before the first step of the training that has this key; see `at_start`."""
+    state = share(keys.derive(key, "weights"), state, parties=parties, protocol=protocol)
+    return state, share_training_data(keys.derive(key, "data"), data, parties, protocol)
+
+
+def share_loss(key: jax.Array, done: int, parties: int, protocol: Protocol | None = None) -> Secret:
+    """The 0 to which the losses of a chunk are added; so many steps are done before it."""
+    return share(keys.derive(key, "loss", done), jnp.float32(0), parties=parties, protocol=protocol)
+
+
+def step_key(key: jax.Array, step: int | jax.Array) -> jax.Array:
+    """The key of one step of the training that has this key."""
+    return keys.derive(key, "step", step)
+
+
+def batches(samples: Samples, recipe: FreshClassifier, seed: int, steps: NDArray[np.int64]) -> tuple:
+    """Of each step its number, by how much the rate has fallen, and its samples' environments and rows; all
+    public.
+    """
+    rows = np.stack([_batch_rows(step, len(samples), recipe.batch, seed) for step in steps.tolist()])
+    decay = (1 - steps / recipe.steps * (recipe.schedule == "linear")).astype(np.float32)
+    return steps, decay, samples.env[rows], rows
+
+
+def of_batch(data: tuple, env: Any, row: Any) -> tuple[tuple, Any]:
+    """The six slots of a batch, and its labels."""
+    cameras, robot, labels = data
+    return (*(camera[env] for camera in cameras), *(slot[row] for slot in robot)), labels[row]
 
 
 def share_training_data(key: jax.Array, data: tuple, parties: int, protocol: Protocol | None = None) -> tuple:

@@ -1,6 +1,5 @@
 """Trained classifiers as policies: what is computed at each step of an episode."""
 
-from functools import partial
 from typing import Any
 
 import jax
@@ -13,7 +12,7 @@ from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.rollout import Policy
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
-from ciphernav_jax.secret import reveal, secure, share
+from ciphernav_jax.secret import Secret, reveal, secure, share
 
 
 def plain_policy(params: Any, features: Features) -> Policy:
@@ -37,22 +36,40 @@ def secret_policy(
     the logits, as in the paper.
     """
     protocol = protocol or Protocol()
-    sharing = partial(share, parties=parties, protocol=protocol)
     every = np.arange(len(features.goal))
     result = predict if protocol.opened == "logits" else best_action
     decide = jax.jit(secure(result, protocol=protocol))
-    cameras = tuple(
-        sharing(keys.derive(key, "slot", name), slot)
-        for name, slot in zip(CAMERAS, features.cameras, strict=True)
-    )
+    cameras = share_cameras(key, features, parties, protocol)
 
     def policy(step, cells, headings):
         robot = features.robot(every, cells, headings, features.goal)
-        shared = sharing(keys.derive(key, "robot", step), robot)
-        opened = np.asarray(reveal(decide(keys.derive(key, "decision", step), params, (*cameras, *shared))))
+        shared = share_robot(key, step, robot, parties, protocol)
+        opened = np.asarray(reveal(decide(decision_key(key, step), params, (*cameras, *shared))))
         return opened if protocol.opened == "argmax" else np.argmax(opened, axis=-1)
 
     return policy
+
+
+def share_cameras(
+    key: jax.Array, features: Features, parties: int, protocol: Protocol | None = None
+) -> tuple[Secret, ...]:
+    """What the camera owners share before the first step of the drive that has this key."""
+    return tuple(
+        share(keys.derive(key, "slot", name), slot, parties=parties, protocol=protocol)
+        for name, slot in zip(CAMERAS, features.cameras, strict=True)
+    )
+
+
+def share_robot(
+    key: jax.Array, step: int, robot: tuple, parties: int, protocol: Protocol | None = None
+) -> tuple[Secret, ...]:
+    """What the robot shares at a step."""
+    return share(keys.derive(key, "robot", step), robot, parties=parties, protocol=protocol)
+
+
+def decision_key(key: jax.Array, step: int) -> jax.Array:
+    """The key of the decisions at a step."""
+    return keys.derive(key, "decision", step)
 
 
 def best_action(params: Any, slots: tuple) -> jax.Array:

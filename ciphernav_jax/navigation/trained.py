@@ -127,7 +127,7 @@ def train_classifier(
             samples,
             recipe,
             seed,
-            _key(seed, "training", config, dataset),
+            training_key(config, dataset),
             _checkpoint(folder, config),
             report,
             parties,
@@ -228,9 +228,8 @@ def drive(
         raise ValueError("a variant of the protocol is for drives under secret sharing; say --parties too")
     seen = features.standardise(encode(dataset, sees(config), trained), trained.scales)
     if parties:
-        how = {"parties": parties, "protocol": asdict(protocol or Protocol()), "model": config}
-        how |= {"weights": fingerprint(trained.weights), "eyes": eyes and fingerprint(eyes)}
-        policy = secret_policy(trained.weights, seen, _key(seed, "driving", how, dataset), parties, protocol)
+        key = driving_key(dataset, config, trained, seed, parties, protocol, eyes)
+        policy = secret_policy(trained.weights, seen, key, parties, protocol)
     else:
         policy = plain_policy(trained.weights, seen)
     headings = start_headings(dataset, sees(config))
@@ -262,6 +261,26 @@ def _config(
     data = {name: dataset.meta.get(name) for name in ("split", "count", "seed", "unseen_by")}
     training = {"method": method, "parties": parties, "seed": seed, "recipe": asdict(recipe), "data": data}
     return {"kind": KIND, "version": __version__, **training}
+
+
+def training_key(config: dict, dataset: Dataset) -> jax.Array:
+    """The key of a training, as its folder's configuration says it, on a data set."""
+    return _key(config["seed"], "training", config, dataset)
+
+
+def driving_key(
+    dataset: Dataset,
+    config: dict,
+    trained: Trained,
+    seed: int,
+    parties: int,
+    protocol: Protocol | None = None,
+    eyes: Any = None,
+) -> jax.Array:
+    """The key of a drive; the arguments are those of `drive`."""
+    how = {"parties": parties, "protocol": asdict(protocol or Protocol()), "model": config}
+    how |= {"weights": fingerprint(trained.weights), "eyes": eyes and fingerprint(eyes)}
+    return _key(seed, "driving", how, dataset)
 
 
 def _key(seed: int, what: str, how: dict, dataset: Dataset) -> jax.Array:

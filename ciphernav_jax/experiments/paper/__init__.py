@@ -13,6 +13,8 @@ and says at its head what the paper has, how long it takes, and what it writes. 
 - `forward`: seconds of a forward pass.
 - `attack`: the attackers, and their scores.
 - `reconstruction`: is an obstacle in a camera's view? From features, shares, and all that parties see.
+- `exact`: the attacker who looks for masks that are used twice.
+- `own_runs`: both attackers on a training and its drives together, with their own keys.
 - `queries`: what the answers to all questions tell about obstacles.
 - `episodes`: pictures of episodes, and what each party saw of one.
 """

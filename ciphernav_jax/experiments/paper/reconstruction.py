@@ -298,18 +298,35 @@ def outcome(row: Sequence[Look], truth: tuple[NDArray, NDArray], seed: int) -> d
         found["words"] = words[0].shape[1]
         seen = look.read(words[0], words[1])
         for camera in look.cameras:
-            known = [of_all[: len(x), camera].astype(np.int64) for of_all, x in zip(truth, seen, strict=True)]
-            chosen = [attack.balanced(of_all, seed) for of_all in known]
-            x, test = (of_all[rows] for of_all, rows in zip(seen, chosen, strict=True))
-            y, right = (of_all[rows] for of_all, rows in zip(known, chosen, strict=True))
-            found["train"][CAMERAS[camera]] = len(x)
-            for name, attacker in ATTACKERS.items():
-                answers = attack.learn(x, y[:, None], test, 2, attacker, seed)[:, 0].argmax(axis=-1)
-                found[name][CAMERAS[camera]] = attack.score(int(np.sum(answers == right)), len(right))
+            found["train"][CAMERAS[camera]], scores = attacked(seen, truth, camera, seed)
+            for name, score in scores.items():
+                found[name][CAMERAS[camera]] = score
     for name in ATTACKERS:
         scores = list(found[name].values())
         found[name]["all"] = attack.score(*(sum(s[part] for s in scores) for part in ("hits", "trials")))
     return found
+
+
+def attacked(
+    seen: tuple[Floats, Floats], truth: tuple[NDArray, NDArray], camera: int, seed: int
+) -> tuple[int, dict[str, Any]]:
+    """How many environments the attackers learn a camera's labels from, and the score of each.
+
+    Args:
+        seen: float32[n, d], rows of training and of test environments.
+        truth: bool[N, 4], the labels of at least as many.
+        camera: whose.
+        seed: of the attackers.
+    """
+    known = [of_all[: len(x), camera].astype(np.int64) for of_all, x in zip(truth, seen, strict=True)]
+    chosen = [attack.balanced(of_all, seed) for of_all in known]
+    x, test = (of_all[rows] for of_all, rows in zip(seen, chosen, strict=True))
+    y, right = (of_all[rows] for of_all, rows in zip(known, chosen, strict=True))
+    scores = {}
+    for name, attacker in ATTACKERS.items():
+        answers = attack.learn(x, y[:, None], test, 2, attacker, seed)[:, 0].argmax(axis=-1)
+        scores[name] = attack.score(int(np.sum(answers == right)), len(right))
+    return len(x), scores
 
 
 def reconstruct(seed: int, options: Options) -> tuple[dict[str, Any], dict[str, float]]:
