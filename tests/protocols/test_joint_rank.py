@@ -27,7 +27,7 @@ import ciphernav_jax as cn
 from ciphernav_jax.protocols import compare, convert, masked, suite, truncate
 from ciphernav_jax.protocols.dealer import Mask
 from ciphernav_jax.protocols.party import from_party_zero, open_sum
-from ciphernav_jax.secret import view
+from ciphernav_jax.secret import bounds, view
 from ciphernav_jax.secret.rules import RULES
 from ciphernav_jax.secret.value import Value
 
@@ -42,7 +42,7 @@ part_p.def_abstract_eval(lambda *operands, program: operands[0])
 @pytest.fixture(autouse=True)
 def parts(monkeypatch):
     def rule(context, *operands, program):
-        return Value(context, 0, share=program(context.dealer, *[x.share for x in operands]))
+        return Value(context, 0, bounds.SIGNED, share=program(context.dealer, *[x.share for x in operands]))
 
     monkeypatch.setitem(RULES, "part", rule)
 
