@@ -110,11 +110,8 @@ def program_of_one_party(program, inputs, parties):
     shares = [jax.ShapeDtypeStruct((parties, 128), jnp.uint64)] * inputs
     needed = plan(alone, parties, shares, None)
     supply = [
-        {
-            name: jax.ShapeDtypeStruct(shape if name in request.split else (parties, *shape), jnp.uint64)
-            for name, shape in values.items()
-        }
-        for request, values in zip(needed.requests, needed.shapes, strict=True)
+        {name: jax.ShapeDtypeStruct((parties, *shape), jnp.uint64) for name, shape in values.items()}
+        for values in needed.shapes
     ]
     return one_partys_jaxpr(online(alone, needed), parties, (supply, shares), None)[0]
 
@@ -174,12 +171,19 @@ def test_what_is_sent_and_opened_is_uniform_whatever_the_secret(name, parties, s
     assert joint_uniformity(seen) > 1e-7
 
 
-def zeros(draws):
-    return [jnp.zeros_like(x) for x in draws]
+def zeros(shares):
+    return jnp.zeros_like(shares)
 
 
-def repeated(draws):
-    return [jnp.broadcast_to(x.ravel()[0], x.shape) for x in draws]
+def repeated(shares):
+    """Each party's first word in place of all of its words."""
+    return jnp.broadcast_to(
+        shares.reshape(len(shares), -1).T[0].reshape(-1, *[1] * (shares.ndim - 1)), shares.shape
+    )
+
+
+class Faulty(tuple):
+    """The shape of uniform words that are dealt badly."""
 
 
 @pytest.mark.parametrize("fault", [zeros, repeated])
@@ -202,8 +206,14 @@ def repeated(draws):
     ],
 )
 def test_a_mask_that_is_zero_or_used_again_is_noticed(monkeypatch, name, request_type, fault):
-    deal = request_type.deal
-    monkeypatch.setattr(request_type, "deal", lambda self, draws, earlier: deal(self, fault(draws), earlier))
+    uniform, of_all = request_type.uniform.fget, dealer._Streams.of_all
+    shapes = property(lambda self: {name: Faulty(shape) for name, shape in uniform(self).items()})
+    monkeypatch.setattr(request_type, "uniform", shapes)
+
+    def dealt(self, shape):
+        return fault(of_all(self, shape)) if isinstance(shape, Faulty) else of_all(self, shape)
+
+    monkeypatch.setattr(dealer._Streams, "of_all", dealt)
     program, inputs, _ = PROGRAMS[name]
     assert joint_uniformity(view(program, inputs, 2, 5)) < 1e-30
 
