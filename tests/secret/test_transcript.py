@@ -7,7 +7,6 @@ find.
 import functools
 import itertools
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +15,7 @@ import pytest
 
 import ciphernav_jax as cn
 from ciphernav_jax.protocols import masked, sharing
-from ciphernav_jax.protocols.dealer import Mask
+from ciphernav_jax.protocols.dealer import Mask, Request
 from ciphernav_jax.protocols.party import open_sum
 from ciphernav_jax.protocols.record import run_recorded
 
@@ -44,19 +43,17 @@ NETWORK_INPUTS = (
 
 
 @dataclass(frozen=True)
-class BiasedMask:
+class BiasedMask(Request):
     """A `Mask` whose lowest bit is 1 in three of four cases."""
 
     shape: tuple[int, ...]
-    binary: ClassVar[frozenset[str]] = frozenset()
-    split: ClassVar[frozenset[str]] = frozenset()
 
     @property
-    def draws(self):
-        return (self.shape, self.shape)
+    def uniform(self):
+        return {"word": self.shape, "bit": self.shape}
 
-    def deal(self, draws, earlier):
-        return {"mask": draws[0] | (draws[1] & 1)}
+    def deal(self, uniform, earlier):
+        return {"mask": uniform["word"] | (uniform["bit"] & 1)}
 
 
 def sound(dealer, x, y):
