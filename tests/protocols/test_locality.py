@@ -97,7 +97,37 @@ def test_together_they_may_decide(name):
     assert openings(traced(TOGETHER[name]))
 
 
+def scoped(name, collective):
+    def program(x, n):
+        with jax.named_scope(name):
+            return collective(x)
+
+    return program
+
+
 OUTSIDE = {
+    "without a scope": (lambda x, n: lax.psum(x, AXIS), "psum"),
+    "another collective": (lambda x, n: lax.ppermute(x, AXIS, [(0, 1), (1, 2), (2, 0)]), "ppermute"),
+    "in a scope of its own": (scoped("private", lambda x: lax.psum(x, AXIS)), "psum"),
+    "in the wrong scope": (scoped("open_xor", lambda x: lax.pmax(x, AXIS)), "pmax"),
+    "among some parties": (
+        scoped("open_shares", lambda x: lax.all_gather(x, AXIS, axis_index_groups=[[0, 1], [2]])),
+        "all_gather",
+    ),
+    "in a jit": (lambda x, n: jax.jit(lambda x: lax.all_gather(x, AXIS))(x), "all_gather"),
+    "in a loop": (lambda x, n: lax.scan(lambda c, _: (lax.psum(c, AXIS), None), x, length=2)[0], "psum"),
+    "in a branch not taken": (
+        lambda x, n: lax.cond(False, lambda x: lax.psum(x, AXIS), lambda x: x, x),
+        "psum",
+    ),
+    "in a vmap of its own": (
+        lambda x, n: jax.custom_batching.sequential_vmap(lambda x: lax.psum(x, AXIS))(x),
+        "psum",
+    ),
+    "through the host": (
+        lambda x, n: jax.pure_callback(lambda x: x, jax.ShapeDtypeStruct(x.shape, x.dtype), x),
+        "pure_callback",
+    ),
     "printed": (lambda x, n: jax.debug.print("{}", x), "debug_print"),
     "shown": (lambda x, n: jax.debug.callback(print, x), "debug_callback"),
     "written": (lambda x, n: io_callback(print, None, x), "io_callback"),

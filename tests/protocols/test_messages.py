@@ -10,7 +10,7 @@ from simulated import on_shares, views
 from ciphernav_jax.protocols import party
 from ciphernav_jax.protocols.dealer import Mask
 from ciphernav_jax.protocols.messages import depth, first_uses, openings
-from ciphernav_jax.protocols.party import AXIS, ideal_sum, labelled, open_shares, open_sum, open_xor
+from ciphernav_jax.protocols.party import ideal_sum, labelled, open_shares, open_sum, open_xor
 from ciphernav_jax.protocols.run import one_partys_jaxpr
 
 pytestmark = pytest.mark.newest_jax
@@ -113,41 +113,6 @@ def test_an_ideal_sum_is_no_message():
         ((2,), 4, False),
     ]
     assert depth(found) == 2
-
-
-def scoped(name, collective):
-    def program(x):
-        with jax.named_scope(name):
-            return collective(x)
-
-    return program
-
-
-LEAKS = {
-    "no scope": (lambda x: lax.psum(x, AXIS), "psum"),
-    "another collective": (lambda x: lax.ppermute(x, AXIS, [(0, 1), (1, 2), (2, 0)]), "ppermute"),
-    "in a scope of its own": (scoped("private", lambda x: lax.psum(x, AXIS)), "psum"),
-    "in the wrong scope": (scoped("open_xor", lambda x: lax.pmax(x, AXIS)), "pmax"),
-    "among some parties": (
-        scoped("open_shares", lambda x: lax.all_gather(x, AXIS, axis_index_groups=[[0, 1], [2]])),
-        "all_gather",
-    ),
-    "in a jit": (jax.jit(lambda x: lax.all_gather(x, AXIS)), "all_gather"),
-    "in a loop": (lambda x: lax.scan(lambda c, _: (lax.psum(c, AXIS), None), x, length=2)[0], "psum"),
-    "in a branch not taken": (lambda x: lax.cond(False, lambda x: lax.psum(x, AXIS), lambda x: x, x), "psum"),
-    "in a sort of its own": (jax.custom_batching.sequential_vmap(lambda x: lax.psum(x, AXIS)), "psum"),
-    "through the host": (
-        lambda x: jax.pure_callback(lambda x: x, jax.ShapeDtypeStruct(x.shape, x.dtype), x),
-        "pure_callback",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", LEAKS)
-def test_any_other_way_across_is_refused(name):
-    program, primitive = LEAKS[name]
-    with pytest.raises(ValueError, match=rf"leaves the party by `{primitive}`, at .*test_messages\.py"):
-        openings(traced(program))
 
 
 def test_an_opening_where_rounds_cannot_be_counted_is_refused():
