@@ -49,8 +49,9 @@ SHORT_HEADER = (
 )  # fmt: skip
 NOTE = (
     "Step: of training; forward: a forward pass; medians in milliseconds, all parties and the dealer on one "
-    "machine. Rounds, MB and the times projected for a LAN and a WAN (without computation) are a step's, for "
-    "each party. Errors: the largest against float64, of the outputs and of the first gradient. Loss: after "
+    "machine. Rounds, MB and the times projected for a LAN and a WAN (without computation) are a step's; "
+    "sent: by each party, dealt: to all together. Errors: the largest against float64, of the outputs and of "
+    "the first gradient. Loss: after "
     "the training, by how many percent it is off float64's; - where the training was too slow to wait "
     "for. Failures: of single truncations of products of 30,000; ! where an output, a gradient or the "
     "training failed, or a value was beyond the variant's range."

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from ciphernav_jax import files
+from ciphernav_jax.experiments.paper.attack import ATTACKERS
 from ciphernav_jax.experiments.report import (
     attacks,
     costs,
@@ -121,6 +122,14 @@ def others() -> dict[str, dict]:
     }
     found["mlp"]["exact"] = score
     colours = {"most frequent": score, "answers": {"linear": score, "mlp": score | {"accuracy": 52.0}}}
+    guesses = {
+        name: {"top_left": score, "bottom_left": score | {"accuracy": 49.0, "hits": 49}} for name in ATTACKERS
+    }
+    seen = {"words": 1000, "read": 0, "compared": 1, "repeated": 2}
+    own_runs = {
+        f"parties {i} of 2": {"exact": {"a": seen, "b": seen}, "learned": {"training, beside test": guesses}}
+        for i in range(2)
+    }
     answers = {"obstacles": {"layout": found, "answers": found}, "shape": colours, "colour": colours}
     return {
         "forward-cpu": {
@@ -136,6 +145,7 @@ def others() -> dict[str, dict]:
             }
         },
         "reconstruction-0": {"results": {"features": attack, "share": attack}},
+        "own_runs-0": {"results": own_runs},
         "queries-0": {"results": answers},
         "episodes-0": episodes(),
     }
@@ -253,6 +263,10 @@ def test_the_other_scripts_have_their_tables(loaded):
     ]
     learned = {cells[0]: cells[3:] for cells in attacks.reconstruction(loaded).rows}
     assert learned["Features"] == ("93.6", "51.0 (41.3-60.6)", "51.0 (41.3-60.6)")
+    shares = "50.0 (49.0-51.0)"
+    assert attacks.own_runs(loaded).rows == [
+        (f"Parties {i} of 2", "2,000", "0", "2", "4", shares, shares, shares) for i in range(2)
+    ]
     asked = {cells[0]: cells[1:] for cells in attacks.queries(loaded).rows}
     assert asked["Answers"] == ("85.0", "90.0", "51.0", "52.0", "52.0")  # of the better attacker
     assert asked["Layout"][-2:] == ("", "")
@@ -273,6 +287,7 @@ def test_what_is_missing_is_said_with_the_command_that_makes_it(tmp_path):
         "forward",
         "bounds",
         "reconstruction",
+        "own_runs",
         "episodes",
     ):
         assert f"ciphernav_jax.experiments.paper.{script}" in text

@@ -238,7 +238,7 @@ def main() -> None:
     args = read(Options(), __doc__)
     configuration = {"train": TRAIN, "test": TEST, "steps": STEPS, "attack": attack.SETTINGS}
     for seed in args.seeds:
-        path = args.results / f"own-runs-{seed}.json"
+        path = args.results / f"own_runs-{seed}.json"
         attack.recorded(path, seed, configuration, partial(own_runs, seed, args))
 
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+from ciphernav_jax.experiments.paper import exact
+from ciphernav_jax.experiments.paper.attack import ATTACKERS
 from ciphernav_jax.experiments.report.results import Document, Results, spread
 from ciphernav_jax.experiments.report.table import OVER_SEEDS, Table, script
 from ciphernav_jax.navigation import paper
@@ -45,6 +47,41 @@ def _score(scores: list[Document]) -> str:
         low, high = scores[0]["interval"]
         return f"{scores[0]['accuracy']:.1f} ({low:.1f}-{high:.1f})"
     return spread(scores, lambda score: score["accuracy"]).text(1)
+
+
+def own_runs(results: Results) -> Table:
+    """What coalitions find in a training and the drives of both test sets together."""
+    documents = results.others.get("own_runs", [])
+    rows = []
+    for coalition in documents[0]["results"] if documents else ():
+        found = [document["results"][coalition] for document in documents]
+        sights = [sight for of_seed in found for sight in of_seed["exact"].values()]
+        pairs = [pair for of_seed in found for pair in of_seed["learned"].values()]
+        rows.append(
+            (
+                coalition.capitalize(),
+                *(f"{sum(sight[what] for sight in sights):,}" for what in exact.FOUND),
+                *(_together([s for pair in pairs for s in pair[name].values()]) for name in ATTACKERS),
+            )
+        )
+    return Table(
+        "own_runs",
+        "What all parties but one find in the project's own runs, with the keys that these derive",
+        ("who", *exact.FOUND, *(f"learned: {name}" for name in ATTACKERS)),
+        rows,
+        "One training and the drives of both test sets, looked at together. *Words*: numbers that are seen. "
+        "*Read*: hidden values that are the sum or the difference of two of them; *compared*: whose sum with "
+        "another hidden value, or whose difference to it, is; *repeated*: words seen twice, or negated. "
+        "Learned: obstacles in a camera's view, right answers in percent of all guesses, where chance is 50; "
+        "in brackets the worst and the best of all cameras and pairs of runs.",
+        () if rows else (script("own_runs"),),
+    )
+
+
+def _together(scores: list[Document]) -> str:
+    accuracies = [score["accuracy"] for score in scores]
+    hits, trials = (sum(score[what] for score in scores) for what in ("hits", "trials"))
+    return f"{100 * hits / trials:.1f} ({min(accuracies):.1f}-{max(accuracies):.1f})"
 
 
 def queries(results: Results) -> Table:

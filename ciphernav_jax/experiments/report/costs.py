@@ -91,8 +91,8 @@ def messages(results: Results) -> Table:
         "Messages of a training step, and of one robot's decision",
         ("training", *of_step, *of_decision),
         rows,
-        "Each party's; *dealt* is correlated randomness from the dealer, before the step. Times are "
-        "projected, without computation.",
+        "*Sent*: by each party. *Dealt*: correlated randomness, to all parties together, before the step. "
+        "Times are projected, without computation.",
         made_by(results, CHEAP),
     )
 

@@ -76,8 +76,8 @@ SECTIONS = (
     Section(
         "attacks",
         "Attacks",
-        "Attackers that learn try to tell from what a party sees what it should not know.",
-        ("reconstruction", "queries"),
+        "Attackers try to tell from what parties see what they should not know.",
+        ("reconstruction", "own_runs", "queries"),
     ),
     Section(
         "engine",

@@ -21,6 +21,7 @@ def every(results: Results) -> Iterator[Table]:
         costs.audit,
         costs.forward,
         attacks.reconstruction,
+        attacks.own_runs,
         attacks.queries,
         engine.benchmarks,
         engine.growth,
