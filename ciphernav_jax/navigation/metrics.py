@@ -72,10 +72,11 @@ def accuracy(counts: dict[str, int]) -> float:
 
 
 def rows(results: Mapping[str, Counts]) -> list[tuple[str, ...]]:
-    """The table's cells as text, a row per method in the order given; see `HEADER`."""
+    """The cells as text, in the order given; see `HEADER`. A name is a method's, or "METHOD, seed S"."""
     table = []
     for name, counts in results.items():
-        printed = paper.TABLE.get(name)
+        method, *which = name.split(", ", 1)
+        printed = paper.TABLE.get(method)
         both = overall(counts)
         cells = [
             (accuracy(counts["detour"]), printed and printed.detour),
@@ -85,7 +86,7 @@ def rows(results: Mapping[str, Counts]) -> list[tuple[str, ...]]:
         ]
         text = [f"{ours:.1f}" + (f" ({theirs:.1f})" if theirs is not None else "") for ours, theirs in cells]
         failures = " / ".join(str(both[kind]) for kind in ("crash_obstacle", "crash_wall", "no_crash"))
-        table.append((title(name), *text, failures))
+        table.append((", ".join([title(method), *which]), *text, failures))
     return table
 
 

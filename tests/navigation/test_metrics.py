@@ -42,6 +42,12 @@ def test_a_party_count_that_the_paper_has_not_gets_a_row_too():
     assert metrics.rows({"secret-3": COUNTS})[0][:2] == ("3 parties, cameras", "50.0")
 
 
+def test_one_seed_of_a_row_stands_beside_the_paper_too():
+    (title, *cells), (whole, *same) = metrics.rows({"secret-2, seed 7": COUNTS, "secret-2": COUNTS})
+    assert title == f"{whole}, seed 7"
+    assert cells == same
+
+
 def test_the_terminal_shows_the_same_cells():
     console = Console(file=io.StringIO(), width=200)
     console.print(metrics.table({"secret-2": COUNTS}, "heading"))
