@@ -1,6 +1,7 @@
 """`Secret`: a real array that exists as shares alone."""
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -192,13 +193,12 @@ def share(key: Array, values: Any, *, parties: int, protocol: Protocol | None = 
         protocol: gives the fractional bits of floats (bools and integers have none), and the generator.
 
     Returns:
-        The same pytree with a `Secret` for each array. Under `jit` nobody can look at the values: there an
-        entry that is out of range or not finite is *poisoned*. It stands for no number, and `reveal` says so;
-        poison survives being moved, and additions; products and comparisons lose it.
+        The same pytree with a `Secret` for each array.
 
     Raises:
-        ValueError: fewer than two parties; a value out of range or not finite (where it is concrete); a
-            `vmap` or a loop over values with one key for all.
+        ValueError: fewer than two parties; a value out of range or not finite; a `vmap` or a loop over values
+            with one key for all.
+        jax.errors.JaxRuntimeError: the ValueError for a value, under `jit` or in a loop, when it runs.
         TypeError: an array of another dtype; or the call is being differentiated.
 
     Warns:
@@ -230,22 +230,42 @@ def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> S
     real = jnp.issubdtype(dtype, np.floating)
     frac_bits = protocol.frac_bits if real else 0
     bound = protocol.bound if real else INTEGER_BOUND
-    fits = ring.fits(values, bound)
-    if isinstance(fits, Tracer):
-        encoded = ring.encode_or_poison(values, frac_bits, bound)
-    elif np.all(fits):
-        encoded = ring.encode(values, frac_bits)
-    else:
-        worst = np.asarray(values)[~np.asarray(fits)].flat[0]
-        raise ValueError(
-            f"cannot share {worst:g}: with {frac_bits} fractional bits values and products stay below "
-            f"{protocol.bound:g} in magnitude. Scale the values down, or use fewer fractional bits."
-            if real
-            else f"cannot share {worst}: integers stay below 2^62 in magnitude, so that they can be compared."
-        )
+    encoded = ring.encode(_fitting(values, frac_bits, bound), frac_bits)
     key = fresh.of_each_entry(key, encoded, "share")
     shares = sharing.share_ring(key, encoded, parties, protocol.generator)
     return Secret(shares, frac_bits, dtype, encoded.ndim)
+
+
+def _fitting(values: Any, frac_bits: int, bound: float) -> Any:
+    """The values, which must lie below the bound in magnitude: under a trace that is seen when it runs."""
+
+    def refuse(values: Any) -> None:
+        values = np.asarray(values)
+        worst = values[~np.asarray(ring.fits(values, bound))].flat[0]
+        if values.dtype.kind in "iu":
+            raise ValueError(
+                f"cannot share {worst}: integers stay below 2^62 in magnitude, so that they can be compared."
+            )
+        raise ValueError(
+            f"cannot share {worst:g}: with {frac_bits} fractional bits values and products stay below "
+            f"{bound:g} in magnitude. Scale the values down, or use fewer fractional bits."
+        )
+
+    @jax.custom_batching.custom_vmap
+    def checked(values: Array) -> Array:
+        fit = jnp.all(ring.fits(values, bound))
+        jax.lax.cond(fit, lambda _: None, partial(jax.debug.callback, refuse), values)
+        return values
+
+    # A vmapped cond would ask the host about every entry.
+    checked.def_vmap(lambda _, batched, values: (checked(values), batched[0]))
+
+    fits = ring.fits(values, bound)
+    if isinstance(fits, Tracer):
+        return checked(values)
+    if not np.all(fits):
+        refuse(values)
+    return values
 
 
 def reveal(x: Any) -> Any:
@@ -255,8 +275,8 @@ def reveal(x: Any) -> Any:
 
     Returns:
         Arrays. A float is NaN where the opened number is beyond 2^(62 - frac_bits) in magnitude, where no
-        result in range is: it is poisoned (see `share`), or a computation left the range. A poisoned int64
-        is -2^63.
+        result in range is: a computation left the range, or had a public number of which there is none
+        (`secure`); int64 is then -2^63.
     """
     return jax.tree.map(lambda leaf: _reveal_array(leaf) if _is_secret(leaf) else leaf, x, is_leaf=_is_secret)
 
