@@ -9,6 +9,8 @@ import pytest
 
 import ciphernav_jax as cn
 
+pytestmark = pytest.mark.newest_jax
+
 
 @pytest.mark.parametrize("parties", [2, 3, 5, 16])
 def test_reveal_undoes_share(parties):
