@@ -51,7 +51,7 @@ def test_random_programs_come_out_within_their_bounds(protocol, parties, count):
 
 
 def test_the_programs_contain_every_operation():
-    assert {step.name for number in range(600) for step in drawn(number).steps} == set(CHOICES)
+    assert {step.name for number in range(2000) for step in drawn(number).steps} == set(CHOICES)
 
 
 def test_the_reference_computes_what_jax_does():

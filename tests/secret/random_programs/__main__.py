@@ -12,13 +12,22 @@ import argparse
 import itertools
 import json
 import multiprocessing
+import os
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from .variants import PARTIES, Task, part, variants
 
 PART = 10  # programs that are checked, and kept as done, together
+# Most of the time goes into compiling single operations: they are compiled in haste, and once for all jobs.
+QUICK = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
+CACHED = {
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+}
 
 
 def tasks(options: argparse.Namespace) -> Iterator[Task]:
@@ -54,26 +63,31 @@ def main() -> int:
     )
     done = {(x["variant"], x["parties"], x["seed"], *x["numbers"]) for x in known}
     left = [task for task in tasks(options) if (*task[:3], *task[3]) not in done]
-    with multiprocessing.get_context("spawn").Pool(options.jobs, maxtasksperchild=20) as pool:
-        for result in pool.imap_unordered(part, left):
-            known.append(result)
-            if options.out:
-                with options.out.open("a") as file:
-                    file.write(json.dumps(result) + "\n")
-            print(
-                f"{result['variant']}, P = {result['parties']}: {len(result['numbers'])} programs, "
-                f"{len(result['found'])} found, {result['cpu_seconds']} s of CPU",
-                flush=True,
-            )
-            for x in result["found"]:
-                print(
-                    f"  number {x['number']}: {x['what']}\n"
-                    + "".join(f"    {line}\n" for line in x["program"].splitlines()),
-                    flush=True,
-                )
+    pool = multiprocessing.get_context("spawn").Pool
+    with tempfile.TemporaryDirectory() as cache:
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {QUICK}"
+        os.environ |= CACHED | {"JAX_COMPILATION_CACHE_DIR": cache}
+        with pool(options.jobs, maxtasksperchild=20) as jobs:
+            for result in jobs.imap_unordered(part, left):
+                known.append(result)
+                if options.out:
+                    with options.out.open("a") as file:
+                        file.write(json.dumps(result) + "\n")
+                show(result)
     total, found = sum(len(x["numbers"]) for x in known), sum(len(x["found"]) for x in known)
     print(f"{total} programs, {found} found, {sum(x['cpu_seconds'] for x in known):.0f} s of CPU")
     return 1 if found else 0
+
+
+def show(result: dict[str, Any]) -> None:
+    print(
+        f"{result['variant']}, P = {result['parties']}: {len(result['numbers'])} programs, "
+        f"{len(result['found'])} found, {result['cpu_seconds']} s of CPU",
+        flush=True,
+    )
+    for x in result["found"]:
+        program = "".join(f"    {line}\n" for line in x["program"].splitlines())
+        print(f"  number {x['number']}: {x['what']}\n{program}", flush=True)
 
 
 if __name__ == "__main__":

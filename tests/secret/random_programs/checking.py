@@ -4,11 +4,13 @@ import itertools
 import math
 import zlib
 from dataclasses import dataclass
+from functools import partial
 from unittest.mock import patch
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jax.extend.core import jaxpr_as_fun
 
 import ciphernav_jax as cn
@@ -68,7 +70,7 @@ def _evaluated(program: Program, looked_at: list[int], protocol: cn.Protocol, pa
     keys = jax.random.split(jax.random.key(zlib.crc32(f"{seed} {program}".encode())), len(plain) + 1)
     # Traced as ever, so that loops and inner functions stay what they are; then evaluated step by step.
     traced = jaxpr_as_fun(jax.make_jaxpr(function)(*plain))
-    with jax.disable_jit(), patch.object(ring, "draw", drawn):
+    with jax.disable_jit(), patch.object(ring, "draw", drawn), patch.object(lax, "slice", cut):
         given = [
             cn.share(key, v, parties=parties, protocol=protocol) if x.secret else v
             for key, x, v in zip(keys[1:], program.inputs, plain, strict=True)
@@ -92,6 +94,17 @@ def drawn(key, shapes, generator="threefry"):
         jnp.asarray(words[end - size : end].reshape(shape))
         for end, size, shape in zip(ends, sizes, shapes, strict=True)
     ]
+
+
+@partial(jax.jit, static_argnums=2)
+def _cut(x, starts, sizes):
+    return lax.dynamic_slice(x, starts, sizes)
+
+
+def cut(x, starts, ends):
+    """As `lax.slice`, compiled once for all places that it cuts from: the dealer's streams are cut often."""
+    with jax.disable_jit(False):
+        return _cut(x, starts, tuple(end - start for start, end in zip(starts, ends, strict=True)))
 
 
 def minimised(program: Program, protocol: cn.Protocol, parties: int) -> tuple[Program, Finding]:

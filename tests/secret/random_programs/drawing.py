@@ -72,7 +72,7 @@ class Draw:
             v = self.rng.integers(low, high, size=size, endpoint=True)
             return np.reshape(v.astype(dtype), shape)
         unit = self.reference.unit
-        top = max(most - unit if self.coin(0.2) else self.magnitude(unit, max(most - unit, 2 * unit)), unit)
+        top = max(most - unit if self.coin(0.4) else self.magnitude(unit, max(most - unit, 2 * unit)), unit)
         v = np.array(
             [
                 top * self.one([1.0, -1.0, 1.0, self.rng.uniform(-1, 1), self.rng.uniform(-1, 1)])
@@ -104,7 +104,7 @@ class Draw:
     def pick(
         self, values: list[Bounded], kind=None, *, secret=True, small=True, like=None, where=lambda x: True
     ) -> int:
-        """The number of a value, later ones more often; raises `Outside` where there is none."""
+        """The number of a value, often the last; raises `Outside` where there is none."""
         fit = [
             i
             for i, x in enumerate(values)
@@ -116,6 +116,8 @@ class Draw:
         ]
         if not fit:
             raise Outside
+        if self.coin(0.4):  # so that steps follow upon one another
+            return fit[-1]
         weights = np.array([2.0 + i for i in range(len(fit))])
         return fit[self.rng.choice(len(fit), p=weights / weights.sum())]
 
@@ -139,8 +141,10 @@ def _two(kind, *, public=False):
 
 def _axis(kind, *, small=True):
     def choose(d: Draw, v):
-        i = d.pick(v, kind, small=small, where=lambda x: x.value.ndim > 0)
-        return (i,), (0 if not small or v[i].value.ndim == 1 else int(d.rng.integers(v[i].value.ndim)),)
+        large = 64 if not small and d.coin(0.7) and any(x.value.size > 64 for x in v) else 0
+        i = d.pick(v, kind, small=small, where=lambda x: x.value.ndim > 0 and x.value.size > large)
+        axes = v[i].value.ndim
+        return (i,), (int(d.rng.integers(axes)) if small else d.one([0, None]),)
 
     return choose
 
@@ -250,6 +254,7 @@ CHOICES: dict[str, Callable[[Draw, list[Bounded]], tuple[tuple[int, ...], tuple[
     "plus": _with_constant,
     "scaled": _with_constant,
     "divided": _with_constant,
+    "forgotten": _with_constant,
     "over": lambda d, v: ((d.pick(v, ("float",)), _public(d, v, ("float",))), ()),
     "table": _table,
     "multiple": lambda d, v: ((d.pick(v, ("float", "int")),), (int(d.one([2, 3, 5, 100, 127])),)),
@@ -300,7 +305,7 @@ CHOICES: dict[str, Callable[[Draw, list[Bounded]], tuple[tuple[int, ...], tuple[
 }
 RARE = {"scan", "repeated", "until", "branch", "slope"}  # each is compiled by itself
 STEPS = [name for name in CHOICES for _ in range(1 if name in RARE else 3)]
-STEPS += ["copies", "mul", "scaled", "sum", "mean"] * 3
+STEPS += ["copies", "copies", "mul", "scaled", "sum", "mean", "var", "cumsum", "maximum", "clip"] * 3
 
 
 def random_program(
@@ -314,16 +319,17 @@ def random_program(
     )
     shape = draw.one(SHAPES[1:])
     first = draw.input(draw.float, shape)
-    # Often as large as a product with the first may be.
+    # Often a product comes first that is as large as it may be.
     most = reference.product_bound / max(np.max(np.abs(first.value)), 1.0) if draw.coin(0.5) else None
     inputs = [first, draw.input(draw.float, shape, most=most), draw.input()]
     inputs += [draw.input(np.bool_, draw.one([(), shape])), *public]
     program, values = Program(inputs), list(inputs)
+    begin = [Step("mul", (0, 1))] if most and draw.coin(0.5) else []
     for _ in range(100):
         if len(program.steps) == steps:
             break
         try:
-            step = draw.step(values)
+            step = begin.pop() if begin else draw.step(values)
             with np.errstate(all="ignore"):
                 result = step.run(reference, values)
             if result.kind == "float" and np.max(result.error, initial=0) > max(

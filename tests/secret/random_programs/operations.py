@@ -42,6 +42,9 @@ class Plain:
     def divided(self, x, c):
         return x / _constant(x, c)
 
+    def forgotten(self, x, c):
+        return x * 0.0 + _constant(x, c)
+
     def over(self, x, y):
         return x / y
 

@@ -178,6 +178,9 @@ class Reference:
     def divided(self, x, c):
         return self.scaled(x, 1.0 / self.constant(x, c).value)
 
+    def forgotten(self, x, c):
+        return self.plus(self.scaled(x, 0.0), c)
+
     def over(self, x, y):
         if np.any(np.abs(y.value) < 1e-6):
             raise Outside
@@ -268,7 +271,7 @@ class Reference:
         return self.scaled(total, total.value.size / x.value.size)
 
     def var(self, x, axis):
-        mean = self.mean(x, axis).moved(lambda v: np.expand_dims(v, axis))
+        mean = self.mean(x, axis).moved(lambda v: np.expand_dims(v, () if axis is None else axis))
         return self.mean(self.square(self.sub(x, mean)), axis)
 
     def cumsum(self, x):
