@@ -9,7 +9,7 @@ Nothing is learned here, and nothing overlooked; but only what two words tell is
 what goes together without being equal, is left to the attackers that learn (`attack`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ciphernav_jax.experiments.paper.attack import Words
 
 FOUND = ("words", "read", "compared", "repeated")
+PART = 2**27  # numbers that are sorted together
 
 
 class Sight(NamedTuple):
@@ -50,28 +51,18 @@ def attack(sights: Sequence[Sight]) -> dict[str, dict[str, int]]:
     """
     # A value that stands unmasked is its difference to the word 0.
     sights = [Sight("", np.zeros(1, np.uint64)), *sights]
+    twice = _twice(sights)
     sizes = [sight.words.size for sight in sights]
-    words = _flat([sight.words for sight in sights])
-    hidden = _flat([np.zeros_like(s.words) if s.hidden is None else s.hidden for s in sights])
-    secret = np.repeat([s.hidden is not None and not s.public for s in sights], sizes)
-
-    # Each word as it is seen, and without what it hides: x - y = a - b where x - a = y - b. And negated,
-    # for sums.
-    masking = np.flatnonzero(hidden != 0)
-    left = np.concatenate([words, words[masking] - hidden[masking]])
-    left = np.concatenate([left, np.zeros_like(left) - left])
+    ends = np.cumsum(sizes)
 
     # What stays are groups of equal ones, at least two in each.
-    of = _again(left)
-    starts = np.flatnonzero(np.append(True, left[of[1:]] != left[of[:-1]])) if len(of) else of
-    of %= len(left) // 2
-    plain = of < len(words)
-    place = of.copy()
-    place[~plain] = masking[of[~plain] - len(words)]
-    asked = secret[place] & (~plain | (hidden[place] == 0))
-    known = plain | ~secret[place]
-
-    ends = np.cumsum(sizes)
+    found = [
+        _Numbers.of(sight, end - size, twice) for sight, size, end in zip(sights, sizes, ends, strict=True)
+    ]
+    numbers = _Numbers(*(np.concatenate(column) for column in zip(*found, strict=True)))
+    order = np.argsort(numbers.value, kind="stable")
+    value, place, plain, asked, known = (column[order] for column in numbers)
+    starts = np.flatnonzero(np.append(True, value[1:] != value[:-1])) if len(value) else place
 
     def count(found: NDArray[np.bool_]) -> NDArray[np.int64]:
         return np.bincount(np.searchsorted(ends, np.unique(place[found]), "right"), minlength=len(sizes))
@@ -89,18 +80,74 @@ def attack(sights: Sequence[Sight]) -> dict[str, dict[str, int]]:
     }
 
 
-def _flat(arrays: Sequence[Words]) -> Words:
-    return np.concatenate([np.asarray(x).reshape(-1) for x in arrays])
+class _Numbers(NamedTuple):
+    """Numbers that are seen more than once.
+
+    Attributes:
+        value: uint64.
+        place: where the word stands among all.
+        plain: whether as it is seen, and not without what it hides.
+        asked: whether it stands for a hidden value that is asked for.
+        known: whether it tells what is equal to it.
+    """
+
+    value: Words
+    place: NDArray[np.int64]
+    plain: NDArray[np.bool_]
+    asked: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, sight: Sight, begin: int, twice: Words) -> "_Numbers":
+        """Those of a sight whose first word stands at `begin`."""
+        secret = sight.hidden is not None and not sight.public
+        found = []
+        for values, places, plain in _seen(sight):
+            at = np.flatnonzero(_among(values, twice))
+            flags = np.full(len(at), plain)
+            bare = flags if sight.hidden is None else _flat(sight.hidden)[places[at]] == 0
+            asked = (bare | ~flags) if secret else np.zeros_like(flags)
+            found.append(cls(values[at], begin + places[at], flags, asked, flags | (not secret)))
+        return cls(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
-def _again(words: Words) -> NDArray[np.int64]:
-    """Where the words stand that are there more than once, equal ones together."""
-    ordered = np.sort(words)  # to sort places would take three times as long and as much memory
-    twice = np.unique(ordered[1:][ordered[1:] == ordered[:-1]])
-    if not len(twice):
-        return np.zeros(0, np.int64)
-    found = np.flatnonzero(twice[np.searchsorted(twice, words).clip(max=len(twice) - 1)] == words)
-    return found[np.argsort(words[found], kind="stable")]
+def _seen(sight: Sight) -> Iterator[tuple[Words, NDArray[np.int64], bool]]:
+    """Each word as it is seen, and without what it hides: x - y = a - b where x - a = y - b. And negated,
+    for sums. With the places of the words, and whether they stand as they are seen.
+    """
+    words = _flat(sight.words)
+    seen = [(words, np.arange(words.size), True)]
+    if sight.hidden is not None:
+        hidden = _flat(sight.hidden)
+        masking = np.flatnonzero(hidden != 0)
+        seen.append((words[masking] - hidden[masking], masking, False))
+    for values, places, plain in seen:
+        yield values, places, plain
+        yield np.zeros_like(values) - values, places, plain
+
+
+def _flat(words: Words) -> Words:
+    return np.asarray(words).reshape(-1)
+
+
+def _twice(sights: Sequence[Sight]) -> Words:
+    """The numbers that are there more than once, in order. They are looked for in parts, by their first bits,
+    as all of them together would not fit into memory.
+    """
+    bits = max(4 * sum(sight.words.size for sight in sights) // PART, 1).bit_length()
+    found = []
+    for part in range(2**bits):
+        values = [v[v >> np.uint64(64 - bits) == part] for sight in sights for v, _, _ in _seen(sight)]
+        ordered = np.sort(np.concatenate(values))
+        found.append(np.unique(ordered[1:][ordered[1:] == ordered[:-1]]))
+    return np.concatenate(found)
+
+
+def _among(values: Words, few: Words) -> NDArray[np.bool_]:
+    """Which of the values are among a few, which stand in order."""
+    if not len(few):
+        return np.zeros(len(values), bool)
+    return few[np.searchsorted(few, values).clip(max=len(few) - 1)] == values
 
 
 def _meets(role: NDArray[np.bool_], place: NDArray[np.int64], starts: NDArray[np.int64]) -> NDArray[np.bool_]:
