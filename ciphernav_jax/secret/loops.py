@@ -292,6 +292,10 @@ def while_loop(
     is a `scan`. Otherwise the number of iterations is not known before the run, and the dealer must be on
     call (`protocols.repeat.OnCall`).
     """
+    if cond_jaxpr.out_avals[0].shape:
+        jaxprs = _of_each_entry(cond_jaxpr, body_jaxpr, cond_nconsts, body_nconsts)
+        counts, operands = (cond_nconsts, cond_nconsts + body_nconsts), (*operands[:cond_nconsts], *operands)
+        return while_loop(evaluate, context, *operands, **dict(zip(_PARAMS, (*jaxprs, *counts), strict=True)))
     settled = _settled(operands)
     cond_consts, consts, start = (
         settled[:cond_nconsts],
@@ -330,6 +334,36 @@ def while_loop(
     _, (carry, notes) = lax.while_loop(goes_on, iterate, (jnp.uint32(0), begin))
     _include(context, notes)
     return _operands(context, carry, body.resting)
+
+
+_PARAMS = ("cond_jaxpr", "body_jaxpr", "cond_nconsts", "body_nconsts")
+
+
+def _of_each_entry(
+    cond_jaxpr: ClosedJaxpr, body_jaxpr: ClosedJaxpr, cond_nconsts: int, body_nconsts: int
+) -> tuple[ClosedJaxpr, ClosedJaxpr]:
+    """A vmapped loop whose entries end at different times: it goes on while any does, and entries that have
+    ended stay as they are. The body has the predicate's constants in front of its own.
+    """
+    goes_on, step = jaxpr_as_fun(cond_jaxpr), jaxpr_as_fun(body_jaxpr)
+
+    def any_goes_on(*operands: Array) -> Array:
+        return jnp.any(goes_on(*operands)[0])
+
+    def body(*operands: Array) -> list[Array]:
+        cond_consts, consts = operands[:cond_nconsts], operands[cond_nconsts:][:body_nconsts]
+        carry = operands[cond_nconsts + body_nconsts :]
+        (going,) = goes_on(*cond_consts, *carry)
+        return [
+            lax.select_n(lax.broadcast_in_dim(going, old.shape, range(going.ndim)), old, new)
+            for old, new in zip(carry, step(*consts, *carry), strict=True)
+        ]
+
+    cond_avals, carry_avals = cond_jaxpr.in_avals, body_jaxpr.in_avals
+    return (
+        jax.make_jaxpr(any_goes_on)(*cond_avals),
+        jax.make_jaxpr(body)(*cond_avals[:cond_nconsts], *carry_avals),
+    )
 
 
 def _iterations(

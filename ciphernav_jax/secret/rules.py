@@ -133,7 +133,7 @@ def _unstack(context: Context, x: Value, *, axis: int) -> list[Value]:
     ]
 
 
-TYPED = {"gather"}
+TYPED = {"gather", "reduce_max", "reduce_min"}
 """The rules that are also given the `dtype` of their result."""
 
 
@@ -263,7 +263,12 @@ def _convert(context: Context, x: Value, *, new_dtype: np.dtype, **_: Any) -> Op
     if x.frac_bits > 0 and not jnp.issubdtype(new_dtype, np.floating):
         raise Unsupported(f"a secret with a fractional part cannot be rounded to {np.dtype(new_dtype).name}")
     if jnp.issubdtype(new_dtype, np.floating):
-        return x.at_most(bounds.at_rest(context.protocol, np.dtype(new_dtype)), context.protocol.frac_bits)
+        result = x.at_most(bounds.at_rest(context.protocol, np.dtype(new_dtype)), context.protocol.frac_bits)
+        if result is not x:
+            # It may be larger than a result. What constants make of it is right all the same.
+            most = bounds.truncatable(context.protocol, 2 * context.protocol.frac_bits)
+            result.coarse = lambda: Value(context, 0, min(x.bound, most), share=x.share)
+        return result
     return x
 
 
@@ -331,12 +336,12 @@ def _dot_general(
 # --- comparisons: x > y is (x - y) > 0, exact in units of the last place ----------------------------
 
 
-def _beyond(x: Operand, context: Context) -> TypeGuard[np.ndarray]:
-    """Whether this is a constant whose entries are all larger in magnitude than any secret, or NaN."""
+def _beyond(x: Operand, secret: Value) -> TypeGuard[np.ndarray]:
+    """Whether this is a constant whose entries are all larger in magnitude than a secret may be, or NaN."""
     if not isinstance(x, np.ndarray) or not x.size:
         return False
-    bound = 2.0 ** (62 - context.protocol.frac_bits) if is_float(x) else 2**62
-    return not np.any(ring.fits(x, bound))
+    whole = not is_float(x) or _is_large_integer(secret)
+    return not np.any(ring.fits(x, 2.0 ** (62 - (0 if whole else secret.context.protocol.frac_bits))))
 
 
 def _comparable(context: Context, x: Operand) -> Value:
@@ -354,7 +359,7 @@ def _comparison(compare: Callable[[Context, Operand, Operand], Operand], known: 
 
     def rule(context: Context, x: Operand, y: Operand) -> Operand:
         for one, other in ((x, y), (y, x)):
-            if isinstance(one, Value) and _beyond(other, context):
+            if isinstance(one, Value) and _beyond(other, one):
                 zero = np.zeros((), other.dtype)  # as good as any secret
                 return np.broadcast_to(known(zero, y) if one is x else known(x, zero), one.shape)
         return compare(context, x, y)
@@ -362,7 +367,25 @@ def _comparison(compare: Callable[[Context, Operand, Operand], Operand], known: 
     return rule
 
 
+def _is_large_integer(x: Operand) -> bool:
+    """Whether this is an integer converted to a float, and perhaps larger than a result may be."""
+    return isinstance(x, Value) and x.coarse is not None and not x.frac_bits
+
+
+def _whole(context: Context, x: Public, rounded: str) -> Public:
+    """A public number beside integers: "floor" or "ceil" of it, within what a secret integer may be."""
+    numpy: Any = np if isinstance(x, np.ndarray) else jnp
+    from_public(context, x)  # it is no NaN
+    whole = numpy.clip(getattr(numpy, rounded)(x.astype(np.float64)), -(2.0**62), 2.0**62)
+    return numpy.nan_to_num(whole).astype(np.int64)
+
+
 def _greater(context: Context, x: Operand, y: Operand) -> Value:
+    # Of an integer x, x > c where x > floor(c), and c > x where ceil(c) > x.
+    if _is_large_integer(x) and not isinstance(y, Value):
+        x, y = x.shorter, _whole(context, y, "floor")
+    elif _is_large_integer(y) and not isinstance(x, Value):
+        x, y = _whole(context, x, "ceil"), y.shorter
     x, y = _comparable(context, x), _comparable(context, y)
     return (x if _is_nothing(y, x) else x.compared(y)).positive
 
@@ -390,6 +413,8 @@ def _equal(context: Context, x: Operand, y: Operand) -> Operand:
 def _different(context: Context, x: Operand, y: Operand) -> Operand:
     if x is y:
         return np.zeros(x.shape, np.bool_)  # the usual test for NaN, which no secret is
+    if any(map(_is_large_integer, (x, y))) and not (isinstance(x, Value) and isinstance(y, Value)):
+        return _bit(_greater(context, x, y).add(_greater(context, y, x)))
     above, below = _sides(_comparable(context, x).compared(_comparable(context, y)))
     return _bit(above.add(below))
 
@@ -427,7 +452,7 @@ def _is_finite(context: Context, x: Value) -> np.ndarray:
 def _never_chosen(context: Context, x: Operand, y: Operand, above: bool) -> Operand | None:
     """The other operand where one is a constant above all secrets, or with `above` false below them."""
     for secret, public in ((x, y), (y, x)):
-        if isinstance(secret, Value) and _beyond(public, context):
+        if isinstance(secret, Value) and _beyond(public, secret):
             shape = np.broadcast_shapes(secret.shape, np.shape(public))
             if np.all(public > 0 if above else public < 0):
                 return secret.moved(partial(jnp.broadcast_to, shape=shape))

@@ -42,6 +42,12 @@ def from_public(context: Context, x: Public, most: int = bounds.MASK) -> Value:
         NotUsable: a constant is NaN. (Of a number that only the run knows it is found.)
     """
     if not is_float(x):
+        too_large = "a public integer that meets a secret is larger than 2^62, up to which they are compared"
+        if ring.fits(x, 2**62 + 1) is not True:
+            if not isinstance(x, np.ndarray):
+                context.find(too_large, ~ring.fits(x, 2**62 + 1))
+            elif largest(x) > 2**62:
+                raise NotUsable(f"{too_large}. As a mask -2**62 loses every maximum")
         bound = largest(x) if isinstance(x, np.ndarray) else bounds.shared(context.protocol, x.dtype)
         return Value(context, 0, bound, public=ring.encode(x, 0))
     frac_bits = context.protocol.frac_bits
@@ -190,7 +196,7 @@ def _times_float(x: Value, constant: np.ndarray) -> Value:
         # No room for the constant's bits: the first bits of x by themselves.
         high = x.truncated(x.frac_bits - cut)
         product = _times_float(high, constant)
-        if most * 2**cut <= 2:
+        if most * 2.0 ** (cut + protocol.frac_bits - x.frac_bits) <= 2:
             return product  # the others are below the resolution of the result
         rest = x.add(high.lifted(x.frac_bits).negated())
         low = Value(x.context, x.frac_bits, lax.axis_size(AXIS) << cut, share=rest.share)

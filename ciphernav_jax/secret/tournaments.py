@@ -6,6 +6,7 @@
 - All pairs at once: two comparisons deep, n (n - 1) / 2 in all. For the index of few entries.
 """
 
+import math
 from typing import Any
 
 import jax.numpy as jnp
@@ -13,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from ciphernav_jax.secret.loops import repeated
-from ciphernav_jax.secret.rules import logical_not, rule
+from ciphernav_jax.secret.rules import Operand, logical_not, rule
 from ciphernav_jax.secret.scaling import dot_public, from_public, times_constant
 from ciphernav_jax.secret.value import Context, Value, join, where
 
@@ -68,17 +69,33 @@ def _games_of_one_width(context: Context, players: list[Value]) -> list[Value]:
 
 
 @rule("reduce_max")
-def _largest(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> Value:
+def _largest(context: Context, x: Value, *, axes: tuple[int, ...], dtype: np.dtype, **_: Any) -> Operand:
+    if 0 in x.shape:
+        return np.full(np.delete(x.shape, axes), _ends(dtype)[0], dtype)
+    return _winner(context, x, axes)
+
+
+@rule("reduce_min")
+def _smallest(context: Context, x: Value, *, axes: tuple[int, ...], dtype: np.dtype, **_: Any) -> Operand:
+    if 0 in x.shape:
+        return np.full(np.delete(x.shape, axes), _ends(dtype)[1], dtype)
+    return _winner(context, x.negated(), axes).negated()
+
+
+def _winner(context: Context, x: Value, axes: tuple[int, ...]) -> Value:
+    many, kept = math.prod(x.shape[axis] for axis in axes), np.delete(x.shape, axes)
+
     def front(share: Array) -> Array:
-        share = jnp.moveaxis(share, axes, range(len(axes)))
-        return share.reshape(-1, *share.shape[len(axes) :])
+        return jnp.moveaxis(share, axes, range(len(axes))).reshape(many, *kept)
 
     return _tournament(context, [x.settled.moved(front)])[0]
 
 
-@rule("reduce_min")
-def _smallest(context: Context, x: Value, **params: Any) -> Value:
-    return _largest(context, x.negated(), **params).negated()
+def _ends(dtype: np.dtype) -> tuple[Any, Any]:
+    """The largest and the smallest entry of nothing, as in JAX."""
+    if jnp.issubdtype(dtype, np.floating):
+        return -np.inf, np.inf
+    return np.iinfo(dtype).min, np.iinfo(dtype).max
 
 
 @rule("argmax")
@@ -86,7 +103,7 @@ def _argmax(context: Context, x: Value, *, axes: tuple[int, ...], **_: Any) -> V
     """The index of the largest entry, the first of equals, without opening anything but masked words."""
     (axis,) = axes
     n = x.shape[axis]
-    if n == 1:
+    if n == 1 or 0 in x.shape:
         return from_public(context, np.zeros(np.delete(x.shape, axis), np.int64))
     variant = context.protocol.argmax
     if variant == "pairwise" or (variant == "auto" and n * (n - 1) // 2 <= MOST_PAIRS):

@@ -276,8 +276,8 @@ def _range_lost(report: Report, row: Row) -> str:
         )
     if row.failed:
         return (
-            f"{at}{row.failed:,} of {row.truncations:,} truncations failed. "
-            'Take the truncation "probabilistic", which does not fail in range.'
+            f"{at}{row.failed:,} of {row.truncations:,} truncations failed. What was truncated is out of "
+            'range, or the truncation may fail in range too, as all may but "probabilistic" and "nearest".'
         )
     return (
         f"{at}{row.wrong:,} of {row.values:,} comparisons are wrong. "

@@ -274,7 +274,9 @@ class Witness:
             return
         known = jnp.isfinite(reference)
         row.add("not_numbers", _count(jnp.isnan(reference)))
-        largest = jnp.maximum(jnp.abs(found), jnp.abs(reference)) * 2.0 ** (value.frac_bits - range_bits)
+        # An integer that became a float has room, but as a result it has none.
+        frac_bits = max(value.frac_bits, self.protocol.frac_bits)
+        largest = jnp.maximum(jnp.abs(found), jnp.abs(reference)) * 2.0 ** (frac_bits - range_bits)
         # What stands apart as an excess is in nobody's way.
         row.enlarge(
             "magnitude", _largest(largest, known if value.excess is None else known & (value.excess == 0))

@@ -90,3 +90,85 @@ def test_integers_of_64_bits_become_floats_within_the_range_of_results():
     got = cn.reveal(cn.secure(floats)(jax.random.key(1), secret))
     for found, exact in zip(got, floats(jnp.asarray(x)), strict=True):
         np.testing.assert_allclose(found, exact, rtol=2e-6, atol=2e-5)
+
+
+def test_means_of_small_integers_of_64_bits_are_as_fine_as_any_result():
+    x = cn.share(jax.random.key(0), np.arange(10), parties=2)
+    step = cn.secure(lambda x: (jnp.mean(x), x.astype(np.float64) * 0.1, jnp.sum(x) / 7))
+    mean, tenth, seventh = cn.reveal(step(jax.random.key(1), x))
+    np.testing.assert_allclose(mean, 4.5, atol=2e-5)
+    np.testing.assert_allclose(tenth, np.arange(10) / 10, atol=2e-5)
+    np.testing.assert_allclose(seventh, 45 / 7, atol=2e-5)
+
+
+LARGE = np.array([2**50, 2**43, 5, -(2**50), 0, 2**61, -(2**61)])
+
+
+def test_large_integers_are_scaled_down_to_results():
+    x = cn.share(jax.random.key(0), LARGE, parties=2)
+
+    def scaled(x):
+        y = x.astype(np.float64)
+        return y * 1e-12, y[:3] * 1e-7, y / 1e18, y * 2.0**-40
+
+    found = cn.reveal(cn.secure(scaled)(jax.random.key(1), x))
+    for got, exact in zip(found, scaled(jnp.asarray(LARGE)), strict=True):
+        np.testing.assert_allclose(got, exact, rtol=1e-6, atol=2e-6)
+
+
+@pytest.mark.parametrize("public", [1.5, -1.5, 5.0, 1e13, -(2.0**50), 2.0**43, np.inf])
+def test_large_integers_are_compared_with_floats(public):
+    def comparisons(x, c):
+        x = x.astype(np.float64)
+        return x > c, x >= c, x < c, x <= c, x == c, x != c
+
+    x = cn.share(jax.random.key(0), LARGE, parties=2)
+    protocol = cn.Protocol(comparison="ideal")
+    exact = comparisons(jnp.asarray(LARGE), public)
+    constant = cn.secure(lambda x: comparisons(x, public), protocol=protocol)(jax.random.key(1), x)
+    of_the_run = cn.secure(comparisons, protocol=protocol)(jax.random.key(2), x, np.float64(public))
+    np.testing.assert_array_equal(cn.reveal(constant), exact)
+    np.testing.assert_array_equal(cn.reveal(of_the_run), exact)
+
+
+def test_a_large_integer_that_becomes_a_result_is_named():
+    x = cn.share(jax.random.key(0), LARGE, parties=2)
+    _, report = cn.validate(cn.secure(lambda x: x.astype(np.float64)))(jax.random.key(1), x)
+    assert "Range is lost first" in str(report)
+    assert "`convert_element_type`" in str(report)
+
+
+LEAST, MOST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
+MASKED = {
+    "a mask": lambda x, least: jnp.max(jnp.where(np.array([True, False, True]), x, least)),
+    "an initial entry": lambda x, least: jnp.max(x, initial=least),
+    "a carry": lambda x, least: jax.lax.scan(lambda c, r: (jnp.maximum(c, r), None), least, x)[0],
+    "joined": lambda x, least: jnp.max(jnp.concatenate([x, jnp.full(2, least)])),
+}
+
+
+@pytest.mark.parametrize("name", MASKED)
+def test_masks_of_64_bits_lie_within_what_can_be_compared(name):
+    f = MASKED[name]
+    x = cn.share(jax.random.key(0), np.array([5, 70, 9]), parties=2)
+    for number, least in enumerate([np.int64(-(2**62)), LEAST]):
+        constant = cn.secure(lambda x, least=least: f(x, least))
+        if name == "an initial entry" or least == -(2**62):
+            exact = f(np.array([5, 70, 9]), least)
+            assert cn.reveal(constant(jax.random.key(1 + number), x)) == exact
+            assert cn.reveal(cn.secure(f)(jax.random.key(3 + number), x, least)) == exact
+            continue
+        with pytest.raises(ValueError, match=r"larger than 2\^62.*-2\*\*62.*test_integers\.py:\d+"):
+            constant(jax.random.key(5), x)
+        with pytest.raises(ValueError, match=r"larger than 2\^62.*test_integers\.py:\d+"):
+            cn.secure(f)(jax.random.key(6), x, least)
+
+
+def test_integers_compared_with_the_ends_of_their_type():
+    x = cn.share(jax.random.key(0), np.array([5, -7]), parties=2)
+    step = cn.secure(lambda x: (x > LEAST, x < MOST, jnp.maximum(x, LEAST), jnp.minimum(x, MOST)))
+    above, below, same, too = cn.reveal(step(jax.random.key(1), x))
+    assert np.all(above)
+    assert np.all(below)
+    np.testing.assert_array_equal(same, [5, -7])
+    np.testing.assert_array_equal(too, [5, -7])

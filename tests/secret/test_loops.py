@@ -65,6 +65,16 @@ FUNCTIONS = {
         lambda x, n: lax.fori_loop(0, n, lambda i, c: lax.scan(multiply_up, c, x)[0], x[0]),
         12,
     ),
+    "a vmapped loop whose entries end at different times": (
+        lambda x, n: jax.vmap(lambda r, m: lax.fori_loop(0, m, lambda i, c: c * r, r))(x, np.arange(4)),
+        3,
+    ),
+    "the same on call": (
+        lambda x, n: jax.vmap(
+            lambda r, m: lax.while_loop(lambda s: s[0] < m, lambda s: (s[0] + 1, s[1] * r), (0, r))
+        )(x, np.arange(4) % n),
+        2,
+    ),
     "branches": (
         lambda x, n: (lax.cond(n > 2, lambda: x * x, lambda: x), lax.cond(n > 3, lambda: x * x, lambda: x)),
         1,

@@ -33,6 +33,22 @@ def test_of_any_number_of_entries(comparison, parties, count):
         np.testing.assert_array_equal(one, other)
 
 
+EMPTY = [np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros((3, 0)), np.zeros((3, 0), np.int16)]
+
+
+@pytest.mark.parametrize("values", EMPTY, ids=str)
+def test_of_nothing_it_is_what_jax_has(values):
+    def extremes(x):
+        found = [f(x, axis=1, initial=2) for f in (jnp.max, jnp.min)]
+        return found + ([f(x, axis=1) for f in FUNCTIONS] if x.shape[1] else [])
+
+    x = cn.share(jax.random.key(0), values, parties=2)
+    got = cn.reveal(cn.secure(extremes)(jax.random.key(1), x))
+    for one, other in zip(got, extremes(jnp.asarray(values)), strict=True):
+        assert one.dtype == other.dtype
+        np.testing.assert_array_equal(one, other)
+
+
 def test_every_axis_at_once():
     x = cn.share(jax.random.key(0), ARRAYS[-1].reshape(10, 20, 3), parties=2)
     step = cn.secure(
