@@ -293,9 +293,16 @@ def while_loop(
     call (`protocols.repeat.OnCall`).
     """
     if cond_jaxpr.out_avals[0].shape:
-        jaxprs = _of_each_entry(cond_jaxpr, body_jaxpr, cond_nconsts, body_nconsts)
-        counts, operands = (cond_nconsts, cond_nconsts + body_nconsts), (*operands[:cond_nconsts], *operands)
-        return while_loop(evaluate, context, *operands, **dict(zip(_PARAMS, (*jaxprs, *counts), strict=True)))
+        any_cond, each_body = _of_each_entry(cond_jaxpr, body_jaxpr, cond_nconsts, body_nconsts)
+        return while_loop(
+            evaluate,
+            context,
+            *(*operands[:cond_nconsts], *operands),
+            cond_jaxpr=any_cond,
+            body_jaxpr=each_body,
+            cond_nconsts=cond_nconsts,
+            body_nconsts=cond_nconsts + body_nconsts,
+        )
     settled = _settled(operands)
     cond_consts, consts, start = (
         settled[:cond_nconsts],
@@ -334,9 +341,6 @@ def while_loop(
     _, (carry, notes) = lax.while_loop(goes_on, iterate, (jnp.uint32(0), begin))
     _include(context, notes)
     return _operands(context, carry, body.resting)
-
-
-_PARAMS = ("cond_jaxpr", "body_jaxpr", "cond_nconsts", "body_nconsts")
 
 
 def _of_each_entry(

@@ -367,7 +367,7 @@ def _comparison(compare: Callable[[Context, Operand, Operand], Operand], known: 
     return rule
 
 
-def _is_large_integer(x: Operand) -> bool:
+def _is_large_integer(x: Operand) -> TypeGuard[Value]:
     """Whether this is an integer converted to a float, and perhaps larger than a result may be."""
     return isinstance(x, Value) and x.coarse is not None and not x.frac_bits
 

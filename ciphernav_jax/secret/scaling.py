@@ -43,11 +43,12 @@ def from_public(context: Context, x: Public, most: int = bounds.MASK) -> Value:
     """
     if not is_float(x):
         too_large = "a public integer that meets a secret is larger than 2^62, up to which they are compared"
-        if ring.fits(x, 2**62 + 1) is not True:
-            if not isinstance(x, np.ndarray):
-                context.find(too_large, ~ring.fits(x, 2**62 + 1))
-            elif largest(x) > 2**62:
+        fits = ring.fits(x, 2**62 + 1)
+        if isinstance(x, np.ndarray):
+            if not np.all(fits):
                 raise NotUsable(f"{too_large}. As a mask -2**62 loses every maximum")
+        elif fits is not True:
+            context.find(too_large, ~jnp.asarray(fits))
         bound = largest(x) if isinstance(x, np.ndarray) else bounds.shared(context.protocol, x.dtype)
         return Value(context, 0, bound, public=ring.encode(x, 0))
     frac_bits = context.protocol.frac_bits

@@ -10,7 +10,7 @@ what goes together without being equal, is left to the attackers that learn (`at
 """
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,18 +84,18 @@ class _Numbers(NamedTuple):
     """Numbers that are seen more than once.
 
     Attributes:
-        value: uint64.
-        place: where the word stands among all.
-        plain: whether as it is seen, and not without what it hides.
-        asked: whether it stands for a hidden value that is asked for.
-        known: whether it tells what is equal to it.
+        value: uint64[n].
+        place: int64[n], where the word stands among all.
+        plain: bool[n], whether as it is seen, and not without what it hides.
+        asked: bool[n], whether it stands for a hidden value that is asked for.
+        known: bool[n], whether it tells what is equal to it.
     """
 
-    value: Words
-    place: NDArray[np.int64]
-    plain: NDArray[np.bool_]
-    asked: NDArray[np.bool_]
-    known: NDArray[np.bool_]
+    value: NDArray[Any]
+    place: NDArray[Any]
+    plain: NDArray[Any]
+    asked: NDArray[Any]
+    known: NDArray[Any]
 
     @classmethod
     def of(cls, sight: Sight, begin: int, twice: Words) -> "_Numbers":
