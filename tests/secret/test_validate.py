@@ -142,15 +142,17 @@ def test_the_line_that_loses_range_is_named(name):
 def test_an_argument_that_holds_no_number_is_named():
     step = cn.secure(lambda w, x: x["b"] + w)
 
-    @jax.jit
-    def run(values):
-        args = cn.share(jax.random.key(0), (np.ones(2), {"b": values}), parties=3)
-        return cn.validate(step)(KEY, *args)[1]
+    divide = cn.secure(lambda b, n: b / n)  # under jit nobody can look at the divisor
 
-    report = run(np.array([1.0, np.nan]))
+    @jax.jit
+    def run(n):
+        w, b = cn.share(jax.random.key(0), (np.ones(2), np.ones(2)), parties=3)
+        return cn.validate(step)(KEY, w, {"b": divide(jax.random.key(1), b, n)})[1]
+
+    report = run(np.float64(0.0))
     assert report.first.place.function == "args[1]['b']"
-    assert (report.first.lost, report.first.not_numbers) == ("range", 1)
-    assert report.rows[-1].not_numbers == 1  # it has spread
+    assert (report.first.lost, report.first.not_numbers) == ("range", 2)
+    assert report.rows[-1].not_numbers == 2  # it has spread
 
 
 # --- lines that lose resolution -------------------------------------------------------------------------
