@@ -224,6 +224,8 @@ def share_all(key: Array, values: Any, parties: int, protocol: Protocol) -> Any:
 
 def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> Secret:
     values = values if isinstance(values, jax.Array) else np.asarray(values)
+    if jnp.issubdtype(values.dtype, jax.dtypes.extended):
+        raise TypeError(f"cannot share an array of dtype {values.dtype}; share floats, integers or bools")
     dtype = np.dtype(jax.dtypes.canonicalize_dtype(values.dtype))
     if not (jnp.issubdtype(dtype, np.floating) or jnp.issubdtype(dtype, np.integer) or dtype.kind == "b"):
         raise TypeError(f"cannot share an array of dtype {dtype}; share floats, integers or bools")

@@ -74,8 +74,11 @@ def test_bad_values_are_refused():
     for bad in (np.nan, np.inf):
         with pytest.raises(ValueError, match=r"finite|stay below"):
             cn.share(key, bad, parties=2)
-    with pytest.raises(TypeError, match="complex128"):
-        cn.share(key, 1j, parties=2)
+    for bad, dtype in ((1j, "complex128"), (key, "key<"), ("a string", "<U")):
+        with pytest.raises(TypeError, match=f"cannot share an array of dtype {dtype}"):
+            cn.share(key, bad, parties=2)
+    with pytest.raises(ValueError, match="one key is needed"):
+        cn.share(jax.random.split(key), 1.0, parties=2)
 
 
 # --- operators ---------------------------------------------------------------------------------------
