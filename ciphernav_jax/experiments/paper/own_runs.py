@@ -1,6 +1,6 @@
 """The attacks on the project's own runs: with the keys that training and driving derive.
 
-    python -m ciphernav_jax.experiments.paper.own_runs      # an hour a seed on two cores, 16 GB: an estimate
+    python -m ciphernav_jax.experiments.paper.own_runs      # a quarter of an hour a seed on two cores, 16 GB
 
 It takes the trainings of the rows `secret-2` and `secret-5` (`accuracy`), which are made where they are
 missing. `reconstruction` gives each environment a random key of its own. Here one seed's whole run is looked

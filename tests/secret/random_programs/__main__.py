@@ -1,6 +1,6 @@
 """Draws and checks random programs of every variant and several numbers of parties; prints what it finds.
 
-    python -m tests.secret.random_programs                      # 100 of each: about 7,000 programs
+    python -m tests.secret.random_programs --jobs 2             # 100 of each: about 7,000 programs, an hour
     python -m tests.secret.random_programs --count 20 --only truncation=nearest --parties 2 3
     python -m tests.secret.random_programs --only default --parties 2 --numbers 17     # one program again
 
