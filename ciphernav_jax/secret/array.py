@@ -1,5 +1,6 @@
 """`Secret`: a real array that exists as shares alone."""
 
+import warnings
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -193,16 +194,18 @@ def share(key: Array, values: Any, *, parties: int, protocol: Protocol | None = 
         protocol: gives the fractional bits of floats (bools and integers have none), and the generator.
 
     Returns:
-        The same pytree with a `Secret` for each array.
+        The same pytree with a `Secret` for each array. Under `jit` an entry that is out of range or not finite
+        is *poisoned*, and warned of when it runs. It stands for no number, and `reveal` says so; poison
+        survives being moved, and additions; products and comparisons lose it.
 
     Raises:
-        ValueError: fewer than two parties; a value out of range or not finite; a `vmap` or a loop over values
-            with one key for all.
-        jax.errors.JaxRuntimeError: the ValueError for a value, under `jit` or in a loop, when it runs.
+        ValueError: fewer than two parties; a value out of range or not finite (where it is concrete); a
+            `vmap` or a loop over values with one key for all.
         TypeError: an array of another dtype; or the call is being differentiated.
 
     Warns:
         KeyReuseWarning: a key shares a second time, and other values.
+        RuntimeWarning: under `jit`, a value that cannot be shared.
     """
     protocol = protocol or Protocol()
     sharing.require_parties(parties)
@@ -232,42 +235,49 @@ def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> S
     real = jnp.issubdtype(dtype, np.floating)
     frac_bits = protocol.frac_bits if real else 0
     bound = protocol.bound if real else INTEGER_BOUND
-    encoded = ring.encode(_fitting(values, frac_bits, bound), frac_bits)
+    encoded = _encoded(values, frac_bits, bound)
     key = fresh.of_each_entry(key, encoded, "share")
     shares = sharing.share_ring(key, encoded, parties, protocol.generator)
     return Secret(shares, frac_bits, dtype, encoded.ndim)
 
 
-def _fitting(values: Any, frac_bits: int, bound: float) -> Any:
-    """The values, which must lie below the bound in magnitude: under a trace that is seen when it runs."""
+def _encoded(values: Any, frac_bits: int, bound: float) -> Any:
+    """The ring integers of values that must lie below the bound in magnitude. Under a trace no one can raise:
+    what does not is poisoned, and warned of when it runs.
+    """
 
-    def refuse(values: Any) -> None:
+    def refusal(values: Any) -> str:
         values = np.asarray(values)
         worst = values[~np.asarray(ring.fits(values, bound))].flat[0]
         if values.dtype.kind in "iu":
-            raise ValueError(
+            return (
                 f"cannot share {worst}: integers stay below 2^62 in magnitude, so that they can be compared."
             )
-        raise ValueError(
+        return (
             f"cannot share {worst:g}: with {frac_bits} fractional bits values and products stay below "
             f"{bound:g} in magnitude. Scale the values down, or use fewer fractional bits."
         )
 
+    def warn(values: Any) -> None:
+        warnings.warn(
+            f"{refusal(values)} What is computed from it is no number.", RuntimeWarning, stacklevel=2
+        )
+
     @jax.custom_batching.custom_vmap
-    def checked(values: Array) -> Array:
+    def looked_at(values: Array) -> Array:
         fit = jnp.all(ring.fits(values, bound))
-        jax.lax.cond(fit, lambda _: None, partial(jax.debug.callback, refuse), values)
+        jax.lax.cond(fit, lambda _: None, partial(jax.debug.callback, warn), values)
         return values
 
     # A vmapped cond would ask the host about every entry.
-    checked.def_vmap(lambda _, batched, values: (checked(values), batched[0]))
+    looked_at.def_vmap(lambda _, batched, values: (looked_at(values), batched[0]))
 
     fits = ring.fits(values, bound)
     if isinstance(fits, Tracer):
-        return checked(values)
+        return ring.encode_or_poison(looked_at(values), frac_bits, bound)
     if not np.all(fits):
-        refuse(values)
-    return values
+        raise ValueError(refusal(values))
+    return ring.encode(values, frac_bits)
 
 
 def reveal(x: Any) -> Any:
@@ -277,8 +287,8 @@ def reveal(x: Any) -> Any:
 
     Returns:
         Arrays. A float is NaN where the opened number is beyond 2^(62 - frac_bits) in magnitude, where no
-        result in range is: a computation left the range, or had a public number of which there is none
-        (`secure`); int64 is then -2^63.
+        result in range is: a computation left the range, or had a number of which there is none, shared
+        (`share`) or public (`secure`), under a trace; int64 is then -2^63.
     """
     return jax.tree.map(lambda leaf: _reveal_array(leaf) if _is_secret(leaf) else leaf, x, is_leaf=_is_secret)
 

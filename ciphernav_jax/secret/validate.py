@@ -265,7 +265,8 @@ def _range_lost(report: Report, row: Row) -> str:
     if row.not_numbers:
         return (
             f"{at}{row.not_numbers:,} of {row.values:,} entries are no numbers in range. "
-            "Look for NaN, infinity and zero divisors among the public numbers of the step that made them."
+            "Look for NaN, infinity and values beyond the range where they are shared, or public in the step "
+            "that made them."
         )
     if row.magnitude > 1:
         bound = 2.0 ** (RANGE_BITS - 2 * report.frac_bits)

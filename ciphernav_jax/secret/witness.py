@@ -177,8 +177,8 @@ class Witness:
         self._noted.append(self._row)
 
     def given(self, name: str, value: Value, dtype: np.dtype) -> None:
-        """A secret argument. Its word -2^63 stands for what is no number: the result of a step that had a
-        public number of which there is none.
+        """A secret argument. Its word -2^63 stands for what was no number, under a trace, when it was shared
+        or computed.
         """
         self.at("argument", Place("", 0, name))
         value.row = self._row
