@@ -194,9 +194,9 @@ def share(key: Array, values: Any, *, parties: int, protocol: Protocol | None = 
         protocol: gives the fractional bits of floats (bools and integers have none), and the generator.
 
     Returns:
-        The same pytree with a `Secret` for each array. Under `jit` an entry that is out of range or not finite
-        is *poisoned*, and warned of when it runs. It stands for no number, and `reveal` says so; poison
-        survives being moved, and additions; products and comparisons lose it.
+        The same pytree with a `Secret` for each array. Under `jit` an entry that is out of range or not
+        finite is *poisoned*, and warned of when it runs. It stands for no number, and `reveal` says so;
+        poison survives being moved, and additions; products and comparisons lose it.
 
     Raises:
         ValueError: fewer than two parties; a value out of range or not finite (where it is concrete); a
