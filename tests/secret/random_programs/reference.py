@@ -5,8 +5,8 @@ The bounds are derived from what the documentation promises:
 - a product or a contraction is truncated once: an error of one unit of the last place (P units for
   "wrap-count"), beside what the errors of its factors make of it;
 - a constant has a relative error of 2^-f in each entry, or of half a unit in the product where that is
-  more, and takes up to three truncations; a public number of the run an absolute error of 2^-(2f + 1), and
-  two truncations;
+  more, and takes one truncation, three where it is of several magnitudes or multiplies a large sum, twelve
+  where both; a public number of the run an absolute error of 2^-(2f + 1), and two truncations;
 - in a contraction with a constant, an error of 2^-(f + 1) for each term, or of half a unit in all;
 - sums, moves, maxima and selections add nothing;
 - comparisons are exact unless the difference lies within the error of what is compared; then any answer is
@@ -168,15 +168,16 @@ class Reference:
     def plus(self, x, c):
         return self.add(x, self.constant(x, c))
 
-    def scaled(self, x, c):
+    def scaled(self, x, c, mixed=False):
         c = self.constant(x, c).value
         value = x.value * c
         error = np.abs(c) * x.error + np.maximum(np.abs(value) * self.unit, self.unit / 2)
-        truncations = 1 if c.size == 1 and x.count == 1 else 3
+        mixed, large = mixed or c.size > 1, x.count > 1
+        truncations = 12 if mixed and large else 3 if mixed or large else 1
         return self._made(value, error + truncations * self.truncation, x.dtype, count=x.count)
 
-    def divided(self, x, c):
-        return self.scaled(x, 1.0 / self.constant(x, c).value)
+    def divided(self, x, c, mixed=False):
+        return self.scaled(x, 1.0 / self.constant(x, c).value, mixed)
 
     def forgotten(self, x, c):
         return self.plus(self.scaled(x, 0.0), c)
@@ -246,10 +247,10 @@ class Reference:
         return self._made(np.where(b.value, x.value, y.value), np.where(b.error > 0, either, error), x.dtype)
 
     def one_of(self, b, x, on_true, on_false):
-        return self.where(b, self.scaled(x, on_true), self.scaled(x, on_false))
+        return self.where(b, self.scaled(x, on_true, True), self.scaled(x, on_false, True))
 
     def over_one_of(self, b, x, on_true, on_false):
-        return self.where(b, self.divided(x, on_true), self.divided(x, on_false))
+        return self.where(b, self.divided(x, on_true, True), self.divided(x, on_false, True))
 
     # --- reductions ---
 
@@ -306,7 +307,7 @@ class Reference:
         shown = replace(
             x, value=np.where(hidden, -self.compared, x.value), error=np.where(hidden, 0, x.error)
         )
-        return self.max(shown, -1)
+        return replace(self.max(shown, -1), count=2.0)  # its bound is the mask's: scaled, it is a large sum
 
     # --- types and logic ---
 
@@ -416,4 +417,5 @@ class Reference:
         largest = self.square(self.maximum(x, limit)) and self.maximum(x, limit)
         none = self.constant(x, np.zeros(x.shape))
         half = self.where(equal, largest, none)
-        return self.where(above, self.scaled(largest, 2.0), half)
+        found = self.where(above, self.scaled(largest, 2.0), half)
+        return replace(found, error=found.error + self.truncation)  # of what is multiplied by the bits
