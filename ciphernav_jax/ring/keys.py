@@ -76,17 +76,8 @@ def derive(key: Array, *purpose: str | int | Array | np.ndarray) -> Array:
 
 
 def typed(key: Array) -> Array:
-    """The key as JAX's type for keys; an array of uint32 is read as data of the default kind.
-
-    Raises:
-        ValueError: an array of several keys.
-    """
-    typed = key if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(key)
-    if typed.ndim:
-        raise ValueError(
-            f"one key is needed, not an array of {typed.shape}: take one of them, or vmap over them"
-        )
-    return typed
+    """The key as JAX's type for keys; an array of uint32 is read as data of the default kind."""
+    return key if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(key)
 
 
 def words(key: Array) -> Array:

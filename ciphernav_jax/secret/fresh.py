@@ -51,8 +51,12 @@ def of_each_entry(key: Array, hidden: Any, what: str) -> Array:
         what: "share" or "step", the caller.
 
     Raises:
-        ValueError (under such a `vmap`).
+        ValueError (under such a `vmap`, or where the key is an array of several).
     """
+    if keys.typed(key).ndim:
+        raise ValueError(
+            f"one key is needed, not an array of {keys.typed(key).shape}: take one, or vmap over them"
+        )
     return _guard(what)(key, hidden)
 
 
