@@ -53,10 +53,8 @@ def of_each_entry(key: Array, hidden: Any, what: str) -> Array:
     Raises:
         ValueError (under such a `vmap`, or where the key is an array of several).
     """
-    if keys.typed(key).ndim:
-        raise ValueError(
-            f"one key is needed, not an array of {keys.typed(key).shape}: take one, or vmap over them"
-        )
+    if shape := keys.typed(key).shape:
+        raise ValueError(f"one key is needed, not an array of {shape}: take one, or vmap over them")
     return _guard(what)(key, hidden)
 
 

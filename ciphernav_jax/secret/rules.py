@@ -32,6 +32,7 @@ from ciphernav_jax.secret.scaling import (
     reciprocal,
     times_constant,
     times_public,
+    without_nan,
 )
 from ciphernav_jax.secret.value import Context, Value, join, where
 
@@ -263,12 +264,7 @@ def _convert(context: Context, x: Value, *, new_dtype: np.dtype, **_: Any) -> Op
     if x.frac_bits > 0 and not jnp.issubdtype(new_dtype, np.floating):
         raise Unsupported(f"a secret with a fractional part cannot be rounded to {np.dtype(new_dtype).name}")
     if jnp.issubdtype(new_dtype, np.floating):
-        result = x.at_most(bounds.at_rest(context.protocol, np.dtype(new_dtype)), context.protocol.frac_bits)
-        if result is not x:
-            # It may be larger than a result. What constants make of it is right all the same.
-            most = bounds.truncatable(context.protocol, 2 * context.protocol.frac_bits)
-            result.coarse = lambda: Value(context, 0, min(x.bound, most), share=x.share)
-        return result
+        return x.at_most(bounds.at_rest(context.protocol, np.dtype(new_dtype)), context.protocol.frac_bits)
     return x
 
 
@@ -375,9 +371,8 @@ def _is_large_integer(x: Operand) -> TypeGuard[Value]:
 def _whole(context: Context, x: Public, rounded: str) -> Public:
     """A public number beside integers: "floor" or "ceil" of it, within what a secret integer may be."""
     numpy: Any = np if isinstance(x, np.ndarray) else jnp
-    from_public(context, x)  # it is no NaN
-    whole = numpy.clip(getattr(numpy, rounded)(x.astype(np.float64)), -(2.0**62), 2.0**62)
-    return numpy.nan_to_num(whole).astype(np.int64)
+    whole = getattr(numpy, rounded)(without_nan(context, x))
+    return numpy.asarray(numpy.clip(whole, -(2.0**62), 2.0**62), np.int64)
 
 
 def _greater(context: Context, x: Operand, y: Operand) -> Value:

@@ -33,34 +33,53 @@ def largest(x: np.ndarray) -> int:
     return max(abs(int(x.min())), abs(int(x.max()))) if x.size else 0
 
 
+def _refuse(context: Context, x: Public, bad: Any, of_constant: str, of_run: str) -> None:
+    """Raises NotUsable where a constant is bad; of a number that only the run knows it is found."""
+    if not isinstance(x, np.ndarray):
+        context.find(of_run, bad)
+    elif np.any(bad):
+        raise NotUsable(of_constant)
+
+
+def without_nan(context: Context, x: Public) -> Public:
+    """A public float in float64, which is no NaN.
+
+    Raises:
+        NotUsable: a constant is NaN. (A number that only the run knows becomes 0; it is found.)
+    """
+    numpy: Any = np if isinstance(x, np.ndarray) else jnp
+    x = x.astype(np.float64)
+    missing = numpy.isnan(x)
+    _refuse(
+        context,
+        x,
+        missing,
+        "a constant is NaN, which no secret can be",
+        "a public number that meets a secret is NaN",
+    )
+    return numpy.where(missing, 0.0, x)
+
+
 def from_public(context: Context, x: Public, most: int = bounds.MASK) -> Value:
     """A public array as a value: floats at the protocol's fractional bits, integers and bools exactly.
 
     A float whose ring integer is larger than `most` becomes that: an infinity, or another mask.
 
     Raises:
-        NotUsable: a constant is NaN. (Of a number that only the run knows it is found.)
+        NotUsable: a constant is NaN, or an integer beyond 2^62. (Of a number that only the run knows it is
+            found.)
     """
     if not is_float(x):
         too_large = "a public integer that meets a secret is larger than 2^62, up to which they are compared"
         fits = ring.fits(x, 2**62 + 1)
-        if isinstance(x, np.ndarray):
-            if not np.all(fits):
-                raise NotUsable(f"{too_large}. As a mask -2**62 loses every maximum")
-        elif fits is not True:
-            context.find(too_large, ~jnp.asarray(fits))
+        if fits is not True:
+            _refuse(context, x, ~fits, f"{too_large}. As a mask -2**62 loses every maximum", too_large)
         bound = largest(x) if isinstance(x, np.ndarray) else bounds.shared(context.protocol, x.dtype)
         return Value(context, 0, bound, public=ring.encode(x, 0))
     frac_bits = context.protocol.frac_bits
     numpy: Any = np if isinstance(x, np.ndarray) else jnp
-    x, limit = x.astype(np.float64), most / 2**frac_bits
-    missing = numpy.isnan(x)
-    if isinstance(x, np.ndarray):
-        if np.any(missing):
-            raise NotUsable("a constant is NaN, which no secret can be")
-    else:
-        context.find("a public number that meets a secret is NaN", missing)
-    x = numpy.where(missing, 0.0, numpy.clip(x, -limit, limit))
+    limit = most / 2**frac_bits
+    x = numpy.asarray(numpy.clip(without_nan(context, x), -limit, limit))  # of a scalar too: still a constant
     bound = largest(np.round(x * 2**frac_bits)) if isinstance(x, np.ndarray) else most
     return Value(context, frac_bits, bound, public=ring.encode(x, frac_bits))
 
@@ -72,12 +91,9 @@ def reciprocal(context: Context, x: Public) -> Public:
         NotUsable: a constant is 0 or NaN. (Of a number that only the run knows it is found.)
     """
     x = x.astype(np.float64)
-    if isinstance(x, np.ndarray):
-        if np.any(x == 0):
-            raise NotUsable("a secret is divided by 0")
-        return np.asarray(1.0 / x)  # of a scalar too: still a constant
-    context.find("a public number that divides a secret is 0", x == 0)
-    return 1.0 / x
+    _refuse(context, x, x == 0, "a secret is divided by 0", "a public number that divides a secret is 0")
+    # Of a scalar too: still a constant.
+    return np.asarray(1.0 / x) if isinstance(x, np.ndarray) else 1.0 / x
 
 
 def _encoded(context: Context, public: Array, frac_bits: int) -> Array:

@@ -6,7 +6,6 @@
 - All pairs at once: two comparisons deep, n (n - 1) / 2 in all. For the index of few entries.
 """
 
-import math
 from typing import Any
 
 import jax.numpy as jnp
@@ -83,10 +82,9 @@ def _smallest(context: Context, x: Value, *, axes: tuple[int, ...], dtype: np.dt
 
 
 def _winner(context: Context, x: Value, axes: tuple[int, ...]) -> Value:
-    many, kept = math.prod(x.shape[axis] for axis in axes), np.delete(x.shape, axes)
-
     def front(share: Array) -> Array:
-        return jnp.moveaxis(share, axes, range(len(axes))).reshape(many, *kept)
+        share = jnp.moveaxis(share, axes, range(len(axes)))
+        return share.reshape(-1, *share.shape[len(axes) :])
 
     return _tournament(context, [x.settled.moved(front)])[0]
 

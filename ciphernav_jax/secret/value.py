@@ -75,8 +75,8 @@ class Value:
         excess: ring integers with the protocol's fractional bits that `relu` adds; see `add`.
         fresh: whether each entry's shares are known to be uniform, whatever the value.
         in_range: this integer in the ranges of types, of those that were asked for; see `secret.integers`.
-        coarse: the same with fewer fractional bits, of a sum that is larger than a result may be before a
-            constant scales it down; see `summed`.
+        coarse: the same with fewer fractional bits, of a sum or of an integer that is larger than a result
+            may be before a constant scales it down; see `summed` and `at_most`.
         doubled: whether this is a difference of two values that are compared.
         reference, row: where a witness stands beside the program, what the value should be, and the
             equation that made it (`secret.witness`).
@@ -129,10 +129,20 @@ class Value:
         return Value(self.context, self.frac_bits, self.bound, share=share)
 
     def at_most(self, bound: int, frac_bits: int) -> "Value":
-        """This value, of which the contract says that with so many fractional bits it is within the bound."""
+        """This value, of which the contract says that with so many fractional bits it is within the bound.
+        Where a constant scales it down at once, it need not be.
+        """
         if self.bound_at(frac_bits) <= bound:
             return self
-        return Value(self.context, self.frac_bits, bound >> frac_bits - self.frac_bits, share=self.share)
+        protocol = self.context.protocol
+        most = min(self.bound, bounds.truncatable(protocol, 2 * protocol.frac_bits))
+        return Value(
+            self.context,
+            self.frac_bits,
+            bound >> frac_bits - self.frac_bits,
+            share=self.share,
+            coarse=self.coarse or (lambda: Value(self.context, self.frac_bits, most, share=self.share)),
+        )
 
     def bound_at(self, frac_bits: int) -> int:
         """The bound with other fractional bits."""

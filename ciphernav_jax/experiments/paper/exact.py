@@ -56,9 +56,8 @@ def attack(sights: Sequence[Sight]) -> dict[str, dict[str, int]]:
     ends = np.cumsum(sizes)
 
     # What stays are groups of equal ones, at least two in each.
-    found = [
-        _Numbers.of(sight, end - size, twice) for sight, size, end in zip(sights, sizes, ends, strict=True)
-    ]
+    begins = ends - sizes
+    found = [_Numbers.of(sight, begin, twice) for sight, begin in zip(sights, begins, strict=True)]
     numbers = _Numbers(*(np.concatenate(column) for column in zip(*found, strict=True)))
     order = np.argsort(numbers.value, kind="stable")
     value, place, plain, asked, known = (column[order] for column in numbers)
