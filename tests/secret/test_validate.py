@@ -139,9 +139,23 @@ def test_the_line_that_loses_range_is_named(name):
     assert f"{__file__}:{found.place.line} " in report.summary()
 
 
+@pytest.mark.filterwarnings("ignore:cannot share")
 def test_an_argument_that_holds_no_number_is_named():
     step = cn.secure(lambda w, x: x["b"] + w)
 
+    @jax.jit
+    def run(values):
+        args = cn.share(jax.random.key(0), (np.ones(2), {"b": values}), parties=3)
+        return cn.validate(step)(KEY, *args)[1]
+
+    report = run(np.array([1.0, np.nan]))
+    assert report.first.place.function == "args[1]['b']"
+    assert (report.first.lost, report.first.not_numbers) == ("range", 1)
+    assert report.rows[-1].not_numbers == 1  # it has spread
+
+
+def test_an_argument_of_which_a_step_made_no_number_is_named():
+    step = cn.secure(lambda w, x: x["b"] + w)
     divide = cn.secure(lambda b, n: b / n)  # under jit nobody can look at the divisor
 
     @jax.jit

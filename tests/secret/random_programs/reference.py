@@ -414,7 +414,8 @@ class Reference:
     def slope(self, x, c):
         limit = self.constant(x, c)
         above, equal = self.compare(x, limit, "greater"), self.compare(x, limit, "equal")
-        largest = self.square(self.maximum(x, limit)) and self.maximum(x, limit)
+        largest = self.maximum(x, limit)
+        self.square(largest)  # it is within the range of products
         none = self.constant(x, np.zeros(x.shape))
         half = self.where(equal, largest, none)
         found = self.where(above, self.scaled(largest, 2.0), half)
