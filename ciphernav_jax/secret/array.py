@@ -1,7 +1,7 @@
 """`Secret`: a real array that exists as shares alone."""
 
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -16,15 +16,16 @@ from ciphernav_jax.jax_private import Tracer
 from ciphernav_jax.protocols import Protocol, sharing
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import fresh
+from ciphernav_jax.secret.seal import INSTEAD, seal
 
 INTEGER_BOUND = 2**62
 """Shared integers lie below it in magnitude: then the difference of two has the right sign."""
 
 
-@jax.tree_util.register_dataclass
+@jax.tree_util.register_pytree_with_keys_class
 @dataclass(frozen=True, eq=False)
 class Secret:
-    """A secret-shared array; a pytree with one leaf, so it passes through jit, scan carries and checkpoints.
+    """A secret-shared array; a pytree, so it passes through jit, scan carries and checkpoints.
 
     Invariants:
     - `shares` is uint64[P, *shape]: additive shares modulo 2^64, the party as leading axis.
@@ -37,16 +38,14 @@ class Secret:
     Indexing works on the value's axes: `x[0]`, `x[2:5]`, `x[indices]`. Operators, comparisons, `bool`,
     `float` and `hash` raise TypeError: they belong into `secure(f)`.
 
-    `jax.tree.map` goes over the shares. What moves entries is right on them (stack, index, `np.asarray`), and
-    so are sums and differences of Secrets and multiples by integers. What gives shares another dtype, as a
-    float factor does, raises TypeError. Other integer arithmetic cannot be told apart and is wrong: a product
-    of two Secrets, `x + 1`.
+    `jax.tree.map` goes over the shares, and over a seal of their shape (`secret.seal`). It may move entries
+    (stack, index, select, `np.asarray`) and keep them in files; arithmetic raises TypeError.
     """
 
     shares: UInt64[Array, "p ..."]
-    frac_bits: int = field(metadata={"static": True})
-    dtype: np.dtype = field(metadata={"static": True})
-    rank: int = field(metadata={"static": True})
+    frac_bits: int
+    dtype: np.dtype
+    rank: int
 
     def __post_init__(self):
         # JAX also rebuilds trees from placeholders and from the zero derivatives of integers.
@@ -55,9 +54,18 @@ class Secret:
         if isinstance(self.shares, arrays) and self.shares.dtype not in allowed:
             raise TypeError(
                 f"a Secret got {self.shares.dtype} in place of its shares, which are uint64: jax.tree.map, "
-                "or something like it, computed on the shares of a Secret and not on its value. Compute on "
-                "the value: secure(lambda x, y: jax.tree.map(lambda a, b: a - 0.1 * b, x, y))(key, x, y)."
+                f"or something like it, computed on the shares of a Secret and not on its value. {INSTEAD}"
             )
+
+    def tree_flatten_with_keys(self) -> tuple[Any, Any]:
+        name = jax.tree_util.GetAttrKey
+        children = ((name("shares"), self.shares), (name("seal"), seal(self.shares)))
+        return children, (self.frac_bits, self.dtype, self.rank)
+
+    @classmethod
+    def tree_unflatten(cls, aux: Any, children: Any) -> "Secret":
+        shares, _ = children
+        return cls(shares, *aux)
 
     def party_first(self) -> "Secret":
         """The same secret with the party as leading axis.

@@ -50,9 +50,9 @@ def shares_of(result) -> list[np.ndarray]:
     """All shares of a result, those of the parties in this process, party by party."""
     return [
         np.concatenate(
-            [shard.data for shard in sorted(leaf.addressable_shards, key=lambda s: s.index[0].start or 0)]
+            [shard.data for shard in sorted(x.shares.addressable_shards, key=lambda s: s.index[0].start or 0)]
         )
-        for leaf in jax.tree.leaves(result)
+        for x in jax.tree.leaves(result, is_leaf=lambda x: isinstance(x, cn.Secret))
     ]
 
 

@@ -40,7 +40,7 @@ def finish(process):
 @pytest.fixture(scope="module")
 def simulated():
     result = cn.secure(everything)(jax.random.key(9), *inputs())
-    return [np.asarray(leaf) for leaf in jax.tree.leaves(result)]
+    return [np.asarray(x.shares) for x in jax.tree.leaves(result, is_leaf=lambda x: isinstance(x, cn.Secret))]
 
 
 def test_two_devices_compute_the_simulation_s_shares(simulated, tmp_path):
