@@ -205,7 +205,12 @@ def _times_integers(x: Value, m: np.ndarray, e: int) -> Value | None:
 
 
 def _times_float(x: Value, constant: np.ndarray) -> Value:
-    """A value at rest times what is not exact in a few bits."""
+    """A value at rest times what is not exact in a few bits.
+
+    Entries up to 2^k take one limb, and one for each f bits of k + 62 - 2f: at most 5 truncations with 20
+    fractional bits (4 with 24, 6 with 16). A value beyond 2^(62 - f), as a masked maximum is, takes one more
+    for its first bits, and the limbs of the others: at most 10 from 16 fractional bits on.
+    """
     protocol, most = x.context.protocol, np.max(np.abs(constant), initial=0.0)
     room = 62 - protocol.frac_bits
     cut = next(s for s in itertools.count() if -(-x.bound >> s) < 2**room)

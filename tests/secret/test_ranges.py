@@ -389,3 +389,19 @@ def test_a_quotient_by_a_number_is_a_scaling_by_a_constant():
     got = cn.reveal(step(jax.random.key(2), shared))
     np.testing.assert_allclose(got, x / 0.05, rtol=2.0**-20)
     assert cn.cost(step, shared).openings == cn.cost(cn.secure(lambda x: x * (1 / 0.05)), shared).openings
+
+
+@pytest.mark.parametrize(("frac_bits", "once", "masked"), [(16, 6, 10), (20, 5, 9), (24, 4, 8)])
+@pytest.mark.parametrize("magnitude", [0, 10, 30])
+def test_a_scaling_takes_as_many_truncations_as_documented(frac_bits, once, masked, magnitude):
+    """docs/ranges.md and `scaling._times_float`: what is at rest, and what is larger than any result."""
+    protocol = cn.Protocol(frac_bits=frac_bits)
+    x = cn.share(jax.random.key(0), np.array([0.5, 0.25]), parties=2, protocol=protocol)
+    c = np.array([1.1 * 2.0**magnitude, 1.1 * 2.0**-50])
+    for function, most in (
+        (lambda x: x * c, once),
+        (lambda x: jnp.maximum(x, np.array([-1e30, 0])) * c, masked),
+    ):
+        _, (carried_out, failed) = cn.audit(cn.secure(function, protocol=protocol))(jax.random.key(1), x)
+        assert x.size < carried_out <= x.size * most
+        assert failed == 0
