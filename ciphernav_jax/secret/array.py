@@ -16,7 +16,7 @@ from ciphernav_jax.jax_private import Tracer
 from ciphernav_jax.protocols import Protocol, sharing
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import fresh
-from ciphernav_jax.secret.seal import INSTEAD, seal
+from ciphernav_jax.secret.seal import INSTEAD, LOST, is_array, require_moved_along, seal
 
 INTEGER_BOUND = 2**62
 """Shared integers lie below it in magnitude: then the difference of two has the right sign."""
@@ -34,38 +34,49 @@ class Secret:
     - `dtype` is what `reveal` returns: a float type, or bool or an integer type with frac_bits 0.
     - `rank` is the number of the value's axes. `vmap` and the outputs of `lax.scan` stack further axes in
       front of the party axis; `party_first` makes them axes of the value.
+    - `parties` is P; left out, it is taken from the shares.
 
     Indexing works on the value's axes: `x[0]`, `x[2:5]`, `x[indices]`. Operators, comparisons, `bool`,
     `float` and `hash` raise TypeError: they belong into `secure(f)`.
 
-    `jax.tree.map` goes over the shares, and over a seal of their shape (`secret.seal`). It may move entries
-    (stack, index, select, `np.asarray`) and keep them in files; arithmetic raises TypeError.
+    `jax.tree.map` goes over the shares, and over a seal that moves along (`secret.seal`). It may copy them,
+    keep them in files, stack them in front, fill them with zeros, select among them, and index the axes
+    behind the party axis. What else moves the party axis raises ValueError, and arithmetic TypeError.
     """
 
     shares: UInt64[Array, "p ..."]
     frac_bits: int
     dtype: np.dtype
     rank: int
+    parties: int = 0
 
     def __post_init__(self):
         # JAX also rebuilds trees from placeholders and from the zero derivatives of integers.
-        arrays = (jax.Array, np.ndarray, np.generic, jax.ShapeDtypeStruct)
         allowed = (np.uint64, jax.dtypes.float0)
-        if isinstance(self.shares, arrays) and self.shares.dtype not in allowed:
+        if is_array(self.shares) and self.shares.dtype not in allowed:
             raise TypeError(
                 f"a Secret got {self.shares.dtype} in place of its shares, which are uint64: jax.tree.map, "
                 f"or something like it, computed on the shares of a Secret and not on its value. {INSTEAD}"
             )
+        if not self.parties and is_array(self.shares) and self.stacked >= 0:
+            object.__setattr__(self, "parties", self.shares.shape[self.stacked])
 
     def tree_flatten_with_keys(self) -> tuple[Any, Any]:
         name = jax.tree_util.GetAttrKey
-        children = ((name("shares"), self.shares), (name("seal"), seal(self.shares)))
-        return children, (self.frac_bits, self.dtype, self.rank)
+        children = ((name("shares"), self.shares), (name("seal"), seal(self.shares, self.stacked)))
+        return children, (self.frac_bits, self.dtype, self.rank, self.parties)
 
     @classmethod
     def tree_unflatten(cls, aux: Any, children: Any) -> "Secret":
-        shares, _ = children
-        return cls(shares, *aux)
+        shares, found = children
+        secret = cls(shares, *aux)
+        require_moved_along(shares, found, secret.stacked, secret.parties)
+        return secret
+
+    @property
+    def stacked(self) -> int:
+        """How many axes stand in front of the party axis."""
+        return self.shares.ndim - 1 - self.rank if is_array(self.shares) else 0
 
     def party_first(self) -> "Secret":
         """The same secret with the party as leading axis.
@@ -73,19 +84,11 @@ class Secret:
         Raises:
             ValueError: the party axis is gone: a loop went over a `Secret` as if over its entries.
         """
-        stacked = self.shares.ndim - 1 - self.rank
+        stacked = self.stacked
         if stacked < 0:
-            raise ValueError(
-                "a Secret has lost its party axis, the leading one: lax.scan, lax.map or vmap went over it. "
-                "Close over the Secret and index it in the loop, x[i], or write secure(jax.vmap(f))."
-            )
+            raise ValueError(LOST)
         shares = jnp.moveaxis(self.shares, stacked, 0) if stacked else self.shares
         return replace(self, shares=shares, rank=self.rank + stacked)
-
-    @property
-    def parties(self) -> int:
-        """P, the number of parties."""
-        return self.party_first().shares.shape[0]
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -115,6 +118,8 @@ class Secret:
 
     def __repr__(self) -> str:
         # Shares are noise to a reader, and a value must not slip into a log.
+        if not is_array(self.shares):
+            return f"Secret({self.shares!r})"  # a tree of something else: axes, shapes, shardings
         return (
             f"Secret({self.dtype.name}{list(self.shape)}, parties={self.parties}, frac_bits={self.frac_bits})"
         )
@@ -228,9 +233,11 @@ def share_all(key: Array, values: Any, parties: int, protocol: Protocol) -> Any:
     """What `share` does, whatever else the key has hidden."""
 
     def shared(path: Any, leaf: Any) -> Secret:
+        if _is_secret(leaf):
+            raise TypeError("a Secret is shared already: give it to secure functions as it is")
         return _share_array(keys.derive(key, "share", jax.tree_util.keystr(path)), leaf, parties, protocol)
 
-    return jax.tree_util.tree_map_with_path(shared, values)
+    return jax.tree_util.tree_map_with_path(shared, values, is_leaf=_is_secret)
 
 
 def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> Secret:

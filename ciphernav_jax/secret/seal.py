@@ -1,9 +1,9 @@
-"""Arithmetic on the shares of a `Secret`, as if they were its value, is refused: `jax.tree.map` meets a seal.
+"""What `jax.tree.map` and its like may do with the shares of a `Secret`: the seal beside them tells.
 
-A `Secret` has two leaves, its shares and a seal. The seal has their shape, no bytes, and JAX's dtype
-`float0`, which moves through jit, loops, vmap, indexing, stacking and files, and with which neither JAX nor
-numpy compute. It is made anew whenever a `Secret` is taken apart, so that nothing depends on what became of
-the last one, and the compiler removes it.
+A `Secret` has two leaves, its shares and a seal: an array of JAX's dtype `float0`, with which neither JAX nor
+numpy compute. It has the shares' shape, but for the party axis, which is 0. Whatever moves the entries of
+the shares moves the seal along; so it shows where the party axis went. The seal has no bytes, and the
+compiler removes it.
 """
 
 from typing import Any
@@ -11,7 +11,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from ciphernav_jax.jax_private import Tracer
 
@@ -22,14 +21,25 @@ _REFUSAL = (
     "jax.tree.map, or something like it, would compute {what} of the shares of a Secret and not of its "
     f"value. {INSTEAD}"
 )
+LOST = (
+    "a Secret has lost its party axis, the leading one: lax.scan, lax.map, vmap or jax.tree.map went over "
+    "it. Close over the Secret and index it in the loop, x[i], or write secure(jax.vmap(f))."
+)
+_MOVED = (
+    "{what} moved the party axis of a Secret: jax.tree.map sees its shares, of shape [parties, *shape]. "
+    "Index the Secret itself, x[2:4]; stack and concatenate within secure(f); have vmap stack what comes "
+    "out in front, out_axes=0."
+)
+# Of numpy, what changes entries and computes nothing that `float0` could refuse.
+_CHANGES = {np.ones_like, np.full_like, np.empty_like, np.sort, np.partition, np.tril, np.triu}
 
 
 class Seal(np.ndarray):
     """An array of `float0` that refuses to be computed with, and can be moved.
 
     Raises:
-        TypeError: it meets an operator or a ufunc. Functions of JAX raise errors of their own, which name
-            `float0`.
+        TypeError: it meets an operator, or a function of numpy that computes. Functions of JAX raise errors
+            of their own, which name `float0`.
     """
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **_: Any) -> Any:
@@ -38,26 +48,72 @@ class Seal(np.ndarray):
             return np.full(np.broadcast_shapes(*map(np.shape, inputs)), ufunc is np.equal)
         raise TypeError(_REFUSAL.format(what=f"{ufunc.__name__}(...)"))
 
+    def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        if func in _CHANGES:
+            raise TypeError(_REFUSAL.format(what=f"{func.__name__}(...)"))
+        return super().__array_function__(func, types, args, kwargs)
+
     def __getattr__(self, name: str) -> Any:
         # What a JAX array has and a numpy array has not, `at` for one.
         raise AttributeError(_REFUSAL.format(what=f".{name}"))
 
     def __getitem__(self, index: Any) -> Any:
-        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(index)):
-            return _of_shape(jax.eval_shape(lambda: jnp.zeros(self.shape, bool)[index]).shape)
-        return super().__getitem__(index)
+        try:
+            if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(index)):
+                return _of_shape(jax.eval_shape(lambda: jnp.zeros(self.shape, bool)[index]).shape)
+            return super().__getitem__(index)
+        except (IndexError, TypeError):  # the second from JAX
+            raise IndexError(_MOVED.format(what=f"an index, {index},")) from None
+
+    def _refused(self: Any, *_: Any, **__: Any) -> Any:
+        raise TypeError(_REFUSAL.format(what="something"))
+
+    sort = partition = byteswap = fill = put = _refused  # pyright: ignore[reportAssignmentType]
 
     def astype(self, dtype: Any, *_: Any, **__: Any) -> "Seal":
-        if dtype == np.uint64:
+        if dtype in (np.uint64, self.dtype):
             return self
         raise TypeError(_REFUSAL.format(what=f".astype({np.dtype(dtype).name})"))
+
+    def block_until_ready(self) -> "Seal":
+        return self
 
 
 def _of_shape(shape: tuple[int, ...]) -> Seal:
     return np.zeros(shape, jax.dtypes.float0).view(Seal)
 
 
-def seal(shares: Any) -> Any:
-    """The seal of some shares; what stands in place of an array (an axis, a sharding) is its own."""
-    array = isinstance(shares, (Array, np.ndarray, np.generic, jax.ShapeDtypeStruct))
-    return _of_shape(shares.shape) if array else shares
+def seal(shares: Any, stacked: int) -> Any:
+    """The seal of shares with so many axes in front of the party axis; what stands in place of an array (an
+    axis, a sharding) is its own.
+    """
+    if not is_array(shares):
+        return shares
+    shape = list(shares.shape)
+    if 0 <= stacked < len(shape):
+        shape[stacked] = 0
+    return _of_shape(tuple(shape))
+
+
+def require_moved_along(shares: Any, found: Any, stacked: int, parties: int) -> None:
+    """Raises ValueError where shares were moved in a way by which the party axis is not where it was, or
+    does not have the same parties.
+
+    Args:
+        found: what became of the seal.
+        stacked: how many axes the shares have now in front of the party axis.
+    """
+    if not (is_array(shares) and is_array(found)):
+        return
+    if stacked < 0:
+        raise ValueError(LOST)
+    there = shares.shape[stacked]
+    if there != parties:
+        raise ValueError(_MOVED.format(what=f"what made {there} rows of those of {parties} parties"))
+    if found.shape != seal(shares, stacked).shape:
+        raise ValueError(_MOVED.format(what="something"))
+
+
+def is_array(x: Any) -> bool:
+    """Whether it is an array of any kind, traced or abstract, and no placeholder."""
+    return hasattr(x, "shape") and hasattr(x, "dtype") and not isinstance(x, type)

@@ -58,7 +58,7 @@ def test_a_secret_is_a_pytree_of_its_shares_and_an_empty_seal():
     x = cn.share(jax.random.key(0), np.ones(3), parties=2)
     shares, seal = jax.tree.leaves(x)
     np.testing.assert_array_equal(shares, x.shares)
-    assert seal.shape == shares.shape
+    assert seal.shape == (0, 3)
     assert seal.nbytes == 0
     np.testing.assert_array_equal(seal, jax.tree.leaves(jax.jit(lambda x: x)(x))[1])
     assert jax.jit(lambda x: x)(x).frac_bits == x.frac_bits
@@ -133,6 +133,8 @@ ON_SHARES = {
     "an update": lambda x, y: x.at[0].add(y[0]),
     "numpy's function": lambda x, y: np.multiply(x, y),
     "numpy's sum": lambda x, y: np.add.reduce(x),
+    "numpy's order": lambda x, y: np.sort(np.asarray(x)) if x.nbytes else np.sort(x),
+    "numpy's fill": lambda x, y: np.ones_like(x),
 }
 
 
@@ -151,7 +153,7 @@ def test_arithmetic_on_the_shares_by_tree_map_is_refused(name, trace):
 @pytest.mark.parametrize("f", [jnp.add, jnp.multiply, jax.lax.mul, jnp.matmul, jnp.maximum, jnp.dot])
 def test_arithmetic_of_jax_on_the_shares_is_refused_by_jax(f):
     with pytest.raises((TypeError, AssertionError), match="float0"):
-        jax.tree.map(f, P, Q)
+        jax.tree.map(f, X, X)
 
 
 def _through_a_file(x):
@@ -162,30 +164,66 @@ def _through_a_file(x):
     return jax.tree.unflatten(jax.tree.structure(x), [jnp.asarray(arrays[name]) for name in arrays.files])
 
 
+# Two entries for two parties: a mix-up of axes would show in no shape.
+X = cn.share(jax.random.key(3), np.array([[1.0, 2.0], [3.0, 4.0]]), parties=2)
 MOVES = {
-    "numpy": (lambda x, y: jax.tree.map(np.asarray, x), [1.0, 2.0]),
-    "a file": (lambda x, y: jax.jit(lambda x: x)(_through_a_file(x)), [1.0, 2.0]),
-    "stack, to index": (lambda x, y: jax.tree.map(lambda *s: jnp.stack(s), x, y)[1], [1.0, 2.0]),
-    "a pick by an index": (lambda x, y: jax.jit(_pick)(jnp.array([1, 0]), x), [2.0, 1.0]),
-    "a choice": (lambda x, y: jax.tree.map(lambda a, b: jnp.where(True, a, b), x, y), [1.0, 2.0]),
-    "reshape": (lambda x, y: jax.tree.map(lambda a: a[:, ::-1], x), [2.0, 1.0]),
-    "copies": (lambda x, y: jax.device_put(jax.tree.map(jnp.copy, x)), [1.0, 2.0]),
-    "zeros": (lambda x, y: jax.tree.map(jnp.zeros_like, x), [0.0, 0.0]),
-    "vmap with axes": (
-        lambda x, y: jax.vmap(lambda x: x, in_axes=(jax.tree.map(lambda _: 0, x),))(x),
-        [1.0, 2.0],
+    "numpy": (lambda x: jax.tree.map(np.asarray, x), [[1, 2], [3, 4]]),
+    "a file": (lambda x: jax.jit(lambda x: x)(_through_a_file(x)), [[1, 2], [3, 4]]),
+    "stack, to index": (lambda x: jax.tree.map(lambda *s: jnp.stack(s), x, x)[1], [[1, 2], [3, 4]]),
+    "a pick by an index": (lambda x: jax.jit(_pick)(jnp.array([1, 0]), x), [[3, 4], [1, 2]]),
+    "a choice": (lambda x: jax.tree.map(lambda a, b: jnp.where(True, a, b), x, x), [[1, 2], [3, 4]]),
+    "reversed entries": (lambda x: jax.tree.map(lambda a: a[:, ::-1], x), [[3, 4], [1, 2]]),
+    "joined entries": (lambda x: jax.tree.map(lambda a: jnp.concatenate([a, a], 1), x)[2:], [[1, 2], [3, 4]]),
+    "other order of parties": (lambda x: jax.tree.map(lambda a: jnp.flip(a, 0), x), [[1, 2], [3, 4]]),
+    "copies": (lambda x: jax.device_put(jax.tree.map(jnp.copy, x)), [[1, 2], [3, 4]]),
+    "zeros": (lambda x: jax.tree.map(jnp.zeros_like, x), [[0, 0], [0, 0]]),
+    "vmap": (lambda x: jax.vmap(lambda s: s, axis_size=2, in_axes=None)(x)[1], [[1, 2], [3, 4]]),
+    "axes": (
+        lambda x: jax.vmap(lambda s: s, in_axes=(jax.tree.map(lambda _: 0, x),))(_two(x))[0],
+        [[1, 2], [3, 4]],
     ),
     "a carry": (
-        lambda x, y: jax.lax.scan(lambda c, _: ((c[1], c[0]), None), (x, y), None, 3)[0][1],
-        [1.0, 2.0],
+        lambda x: jax.lax.scan(lambda c, _: ((c[1], c[0]), None), (x, x), None, 3)[0][1],
+        [[1, 2], [3, 4]],
     ),
-    "a branch": (
-        lambda x, y: jax.lax.cond(jnp.bool_(True), lambda x, y: x, lambda x, y: y, x, y),
-        [1.0, 2.0],
-    ),
-    "pickle": (lambda x, y: pickle.loads(pickle.dumps(x)), [1.0, 2.0]),
-    "deepcopy": (lambda x, y: copy.deepcopy(x), [1.0, 2.0]),
+    "outputs": (lambda x: jax.lax.scan(lambda c, _: (None, x), None, None, 3)[1][2], [[1, 2], [3, 4]]),
+    "inputs": (lambda x: jax.lax.scan(lambda c, s: (s, None), x, _two(x))[0], [[1, 2], [3, 4]]),
+    "a branch": (lambda x: jax.lax.cond(jnp.bool_(True), lambda x: x, lambda x: x, x), [[1, 2], [3, 4]]),
+    "pickle": (lambda x: pickle.loads(pickle.dumps(x)), [[1, 2], [3, 4]]),
+    "deepcopy": (copy.deepcopy, [[1, 2], [3, 4]]),
 }
+MIX_UPS = {
+    "more parties": lambda x: jax.tree.map(lambda a: jnp.concatenate([a, a]), x),
+    "repeated": lambda x: jax.tree.map(lambda a: jnp.repeat(a, 2, axis=0), x),
+    "fewer parties": lambda x: jax.tree.map(lambda a: a[:1], x),
+    "no parties": lambda x: jax.tree.map(lambda a: a[2:], x),
+    "picked parties": lambda x: jax.tree.map(lambda a: a[jnp.array([1, 0, 1])], x),
+    "numpy's pick": lambda x: jax.tree.map(lambda a: np.asarray(a)[[1, 1]], x),
+    "one party": lambda x: jax.tree.map(lambda a: a[0], x),
+    "transposed": lambda x: jax.tree.map(lambda a: a.T, x),
+    "stacked behind": lambda x: jax.tree.map(lambda *a: jnp.stack(a, 1), x, x),
+    "stacked last": lambda x: jax.tree.map(lambda *a: jnp.stack(a, -1), x, x),
+    "flat": lambda x: jax.tree.map(lambda a: a.reshape(-1), x),
+    "vmap's outputs elsewhere": lambda x: jax.vmap(lambda s: s, in_axes=None, out_axes=1, axis_size=2)(x),
+    "vmap over parties": lambda x: jax.vmap(lambda s: s)(x),
+    "scan over parties": lambda x: jax.lax.scan(lambda _, s: (None, s), None, x),
+    "map over entries and parties": lambda x: jax.lax.map(lambda s: s[0], (x, np.arange(2))),
+}
+
+
+@pytest.mark.parametrize("name", MIX_UPS)
+@pytest.mark.parametrize("trace", [lambda f: f, jax.jit], ids=["eager", "jit"])
+def test_what_moves_the_party_axis_is_refused(name, trace):
+    if trace is jax.jit and name.startswith("numpy"):
+        pytest.skip("numpy does not compute with tracers")
+    with pytest.raises(
+        (ValueError, IndexError), match=r"party axis|axis sizes|inconsistent sizes|out of bounds"
+    ):
+        trace(MIX_UPS[name])(X)
+
+
+def _two(x):
+    return jax.tree.map(lambda *s: jnp.stack(s), x, x)
 
 
 def _pick(i, x):
@@ -195,8 +233,19 @@ def _pick(i, x):
 @pytest.mark.parametrize("name", MOVES)
 def test_what_moves_entries_goes_through(name):
     move, expected = MOVES[name]
-    np.testing.assert_array_equal(cn.reveal(move(P, Q)), expected)
-    assert jax.eval_shape(lambda x: x, P).shape == (2,)
+    np.testing.assert_array_equal(cn.reveal(move(X)), expected)
+
+
+def test_trees_of_something_else_than_arrays_are_shown():
+    assert repr(jax.tree.map(jnp.shape, X)) == "Secret((2, 2, 2))"
+    assert sum(leaf.size for leaf in jax.tree.leaves(X)) == X.shares.size
+    assert jax.eval_shape(lambda x: x, X).shape == (2, 2)
+
+
+def test_a_secret_is_not_shared_again():
+    for function in (lambda f: f, jax.jit):
+        with pytest.raises(TypeError, match="a Secret is shared already"):
+            function(lambda x: cn.share(jax.random.key(4), {"x": x}, parties=2))(X)
 
 
 # --- out of range -------------------------------------------------------------------------------------
