@@ -12,6 +12,7 @@ from jax._src import source_info_util
 from jax._src.core import trace_ctx
 from jax._src.interpreters.batching import BatchTracer
 from jax._src.interpreters.partial_eval import DynamicJaxprTracer
+from jax._src.shard_map import ShardMapTrace
 
 # JAX keeps `Tracer` for `isinstance`: whether a value is known while tracing.
 from jax.core import Tracer
@@ -123,7 +124,11 @@ def traces() -> Iterator[Any]:
 
 
 def traced_for(trace: Any) -> str | None:
-    """What a trace makes a jaxpr for: "jit", "scan", "fori_loop", "while_body", "cond"; else None."""
+    """What a trace makes a jaxpr for: "jit", "scan", "fori_loop", "while_body", "cond", "shard_map" (also
+    where none is made), "custom_jvp fun", "custom_vjp fun"; else None.
+    """
+    if isinstance(trace, ShardMapTrace):
+        return "shard_map"
     frame = getattr(trace, "frame", None)
     return None if frame is None or frame.debug_info is None else frame.debug_info.traced_for
 

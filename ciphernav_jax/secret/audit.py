@@ -36,7 +36,7 @@ def audit(step: Secure) -> Callable[..., tuple[Any, tuple[Array, Array]]]:
 
     def audited(key: Array, *args: Any) -> tuple[Any, tuple[Array, Array]]:
         counted, findings = evaluate(key, step.checked(key, args))
-        findings.check()
+        step.check(key, findings)
         return counted
 
     return audited

@@ -4,11 +4,13 @@ Two values under the same mask show their difference to whoever sees both hidden
 randomness show differences of what they compute on. So, of `share` and of functions made by `secure`:
 
 - `vmap` over what is hidden and not over the key raises (`of_each_entry`);
-- a loop whose key is the same in every iteration while what it hides changes raises (`of_each_iteration`).
-  It is seen where the loop's body calls with a key that depends on constants of the body alone. A key that
-  passes through the carry unchanged, or as an argument through another jitted function, is not;
-- a key given a second time, to hide something else, warns (`of_each_call`). Seen are concrete keys outside of
-  `jit`, the last ones of a process.
+- a loop whose key is the same in every iteration while what it hides changes raises (`of_each_iteration`),
+  and so does `shard_map` or `pmap` with one key for all devices. It is seen where the body calls with a key
+  that depends on constants of the body alone. A key that passes through the carry unchanged, or as an
+  argument through another jitted function or to all devices, is not. Of a function with a derivative of its
+  own nobody knows whether it is called in a loop: a key that it closes over raises under a trace;
+- a key given a second time, to hide something else, warns (`of_each_call`). Seen are concrete keys and values
+  outside of a trace, the last ones of a process. Two keys that are equal are not taken for one under a trace.
 """
 
 import sys
@@ -32,7 +34,7 @@ from ciphernav_jax.ring import keys
 REMEMBERED = 1 << 14
 """Keys that are remembered."""
 LOOKED_AT = 1 << 14
-"""Entries of an array that are compared."""
+"""Entries of an array whose places count; of the others the sum does."""
 
 
 class KeyReuseWarning(UserWarning):
@@ -55,7 +57,10 @@ def of_each_entry(key: Array, hidden: Any, what: str) -> Array:
     """
     if shape := keys.typed(key).shape:
         raise ValueError(f"one key is needed, not an array of {shape}: take one, or vmap over them")
-    return _guard(what)(key, hidden)
+    # Without the seals of secrets (`secret.seal`), which are not mapped along.
+    return _guard(what)(
+        key, [x for x in jax.tree.leaves(hidden) if getattr(x, "dtype", None) != jax.dtypes.float0]
+    )
 
 
 @cache
@@ -83,25 +88,35 @@ def _called(what: str) -> str:
 
 # --- loops --------------------------------------------------------------------------------------------
 
-LOOPS = frozenset({"scan", "fori_loop", "while_body", "while_cond"})
+BODIES = {
+    "scan": "each iteration of a loop",
+    "fori_loop": "each iteration of a loop",
+    "while_body": "each iteration of a loop",
+    "while_cond": "each iteration of a loop",
+    "shard_map": "each device of a shard_map or pmap",
+    "custom_jvp fun": "each call of a function with a derivative of its own, which a loop may call",
+    "custom_vjp fun": "each call of a function with a derivative of its own, which a loop may call",
+}
+"""What is traced once and carried out several times."""
 
 
 def of_each_iteration(key: Array, hidden: Any, what: str) -> None:
-    """Raises ValueError in the body of a loop whose iterations have one key and hide different things.
+    """Raises ValueError in the body of a loop whose iterations, or for devices that, have one key and hide
+    different things.
 
     Arguments as for `of_each_entry`.
     """
     inside: list[Any] = []
     for trace in jax_private.traces():
         inside.append(trace)
-        loop = jax_private.traced_for(trace)
-        if loop not in LOOPS or _varies(inside, key):
+        each = BODIES.get(jax_private.traced_for(trace) or "")
+        if each is None or _varies(inside, key):
             continue
         if any(_varies(inside, x) for x in jax.tree.leaves(hidden)):
             raise ValueError(
-                f"{_called(what)} in the body of a loop ({loop}) has one key for all iterations: it would "
-                "hide what changes by the same masks. Give each iteration a key: let the loop go over "
-                "jax.random.split(key, n), or write ring.keys.derive(key, i), i being the iteration."
+                f"{_called(what)} has one key for {each}: it would hide what changes by the same masks. Give "
+                "each a key: let a loop go over jax.random.split(key, n), or write ring.keys.derive(key, i), "
+                "i being the iteration or the device; give a function its key as an argument."
             )
 
 
@@ -133,8 +148,9 @@ _lock = threading.Lock()
 def of_each_call(key: Array, hidden: Any, what: str, *, where: str = "", how: Any = None) -> None:
     """Warns (`KeyReuseWarning`) where a key is given a second time and hides something else.
 
-    The same call repeated with the same values leaks nothing, and is passed over. Arrays are compared by a
-    checksum of up to 16,384 of their entries; those on other devices than the CPU by identity.
+    The same call repeated with the same values leaks nothing, and is passed over. Arrays are compared by the
+    sum of their words and a checksum of up to 16,384 of them; those on other devices than the CPU by
+    identity.
 
     Args:
         key, hidden, what: as for `of_each_entry`.
@@ -179,9 +195,12 @@ def _checksum(x: Any) -> tuple[Any, ...]:
             return (id(x),)
         if jnp.issubdtype(x.dtype, jax.dtypes.prng_key):
             x = jax.random.key_data(x)
-    flat = np.asarray(x).reshape(-1)
+    flat = np.ascontiguousarray(x).reshape(-1)
     some = np.ascontiguousarray(flat[:: -(-flat.size // LOOKED_AT) or 1])
-    return np.shape(x), str(flat.dtype), zlib.crc32(some.tobytes())
+    words = flat.view(np.uint8)
+    whole = len(words) // 8 * 8
+    total = int(np.sum(words[:whole].view(np.uint64), dtype=np.uint64)), int(np.sum(words[whole:]))
+    return np.shape(x), str(flat.dtype), zlib.crc32(some.tobytes()), total
 
 
 def _users_level() -> int:

@@ -134,6 +134,13 @@ def _unstack(context: Context, x: Value, *, axis: int) -> list[Value]:
     ]
 
 
+MOVES = {
+    *("broadcast_in_dim", "concatenate", "copy", "dynamic_slice", "dynamic_update_slice", "gather", "pad"),
+    *("reshape", "rev", "scatter", "select_n", "slice", "split", "squeeze", "stack", "stop_gradient", "tile"),
+    *("transpose", "unstack"),
+}
+"""The rules that compute nothing: an entry that stands for no number stays recognisable as such."""
+
 TYPED = {"gather", "reduce_max", "reduce_min"}
 """The rules that are also given the `dtype` of their result."""
 
@@ -158,15 +165,28 @@ def _gather(
     entries = x.moved(partial(read, 0))
     if known and np.all(inside):
         return entries
+    if fill_value is not None and is_float(filling) and np.isinf(fill_value):
+        return entries.add(from_public(context, filling))  # a mask, as elsewhere
     frac_bits = frac_bits_at_rest(context, dtype)
     bound = 2.0 ** (62 - frac_bits)
     if known and not np.all(ring.fits(filling, bound)):
-        raise Unsupported(
-            f"an index is out of range, where JAX reads {fill_value}, which no secret can be. "
-            'Give another fill_value to x.at[i].get, or use mode="clip"'
-        )
-    filling = ring.encode_or_poison(filling, frac_bits, bound)
-    return entries.add(Value(context, frac_bits, bounds.resting(context.protocol, frac_bits), public=filling))
+        raise Unsupported(_no_secret(fill_value))
+    public = ring.encode_or_poison(filling, frac_bits, bound)
+    filled = entries.add(
+        Value(context, frac_bits, bounds.resting(context.protocol, frac_bits), public=public)
+    )
+    if is_float(filling) and (
+        fill_value is None or not np.all(ring.fits(np.asarray(fill_value, np.float64), bound))
+    ):
+        filled.poisoned = ~jnp.all(jnp.asarray(ring.fits(filling, bound)))
+    return filled
+
+
+def _no_secret(fill_value: Any) -> str:
+    return (
+        f"an index is out of range, where JAX reads {fill_value}, which no secret can be. Give another "
+        'fill_value to x.at[i].get, or use mode="clip"'
+    )
 
 
 def _scatter_into(scatter: Callable[..., Array]) -> Rule:

@@ -31,7 +31,7 @@ from ciphernav_jax.secret.findings import Findings, NotUsable
 from ciphernav_jax.secret.loops import LOOPS
 from ciphernav_jax.secret.places import Place, of_function, place
 from ciphernav_jax.secret.programs import Compiled
-from ciphernav_jax.secret.rules import RULES, TYPED, Unsupported, at_rest
+from ciphernav_jax.secret.rules import MOVES, RULES, TYPED, Unsupported, at_rest
 from ciphernav_jax.secret.value import Context, Value
 from ciphernav_jax.secret.witness import Notes, Witness
 
@@ -44,6 +44,7 @@ class Secure:
     protocol: Protocol
     mesh: Mesh | None = None
     jitted: Callable[..., Any] = field(init=False, repr=False)
+    closed_over: list[Tracer] = field(init=False, repr=False, default_factory=list)
 
     def __post_init__(self):
         # jit keeps public arguments abstract, so that what a program asks the dealer for never depends on
@@ -57,8 +58,15 @@ class Secure:
     def computed(self, key: Array, args: tuple[Any, ...]) -> Any:
         """The results of a call, its arguments being prepared; raises where a public number is not usable."""
         results, (_, findings) = self.jitted(key, args)
-        findings.check()
+        self.check(key, findings)
         return results
+
+    def check(self, key: Array, findings: Findings) -> None:
+        """Raises where a call turned out unsound once it was traced: a public number is not usable; or the
+        function reads numbers of a loop by itself, and has one key for all iterations.
+        """
+        findings.check()
+        fresh.of_each_iteration(key, self.closed_over, "step")
 
     def checked(self, key: Array, args: tuple[Any, ...]) -> tuple[Any, ...]:
         """The arguments of a call, ready to be traced; raises where `key` is no key, or not a fresh one."""
@@ -101,8 +109,8 @@ class Secure:
 
         abstract = [jax.ShapeDtypeStruct(x.shape, x.dtype) if isinstance(x, Secret) else x for x in leaves]
         jaxpr, shapes = jax.make_jaxpr(self.function, return_shape=True)(*jax.tree.unflatten(tree, abstract))
-        closed_over = [x for x in jaxpr.consts if isinstance(x, Tracer)]
-        key = fresh.of_each_entry(key, (args, closed_over), "step")
+        self.closed_over[:] = [x for x in jaxpr.consts if isinstance(x, Tracer)]
+        key = fresh.of_each_entry(key, (args, self.closed_over), "step")
         _require_local(jaxpr.jaxpr, of_function(self.function))
         outputs, out_tree = jax.tree.flatten(shapes)
         made: list[int | None] = []  # of each output the fractional bits, or None where it is public
@@ -309,6 +317,12 @@ def _evaluate_secret(context: Context, eqn: JaxprEqn, operands: list[Any]) -> li
         witness.at(name, context.place)
     result = _apply_rule(context, eqn, operands)
     results = list(result) if eqn.primitive.multiple_results else [result]
+    for poisoned in [x.poisoned for x in operands if isinstance(x, Value) and x.poisoned is not None]:
+        if name in MOVES:
+            for x in results:
+                x.poisoned = poisoned if x.poisoned is None else poisoned | x.poisoned
+        else:
+            context.find(f"`{name}` computes with what was read at an index out of range: NaN", poisoned)
     if witness and name not in LOOPS:  # the equations of the bodies have told it
         witness.evaluated(eqn, operands, results)
     return results

@@ -249,7 +249,7 @@ def validate(step: Secure, *, strict: bool = False) -> Callable[..., tuple[Any, 
 
     def validated(key: Array, *args: Any) -> tuple[Any, Report]:
         result, report, findings = evaluate(key, step.checked(key, args))
-        findings.check()
+        step.check(key, findings)
         if strict:
             report.check()
         return result, report

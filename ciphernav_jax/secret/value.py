@@ -78,12 +78,14 @@ class Value:
         coarse: the same with fewer fractional bits, of a sum or of an integer that is larger than a result
             may be before a constant scales it down; see `summed` and `at_most`.
         doubled: whether this is a difference of two values that are compared.
+        poisoned: whether an entry stands for no number, where only the run knows: it read NaN, out of range.
         reference, row: where a witness stands beside the program, what the value should be, and the
             equation that made it (`secret.witness`).
     """
 
     reference: Array | None = None
     row: "Row | None" = None
+    poisoned: Array | None = None
 
     def __init__(
         self,

@@ -31,6 +31,7 @@ FUNCTIONS = {
     "fill at run time": lambda x, i, b, u, k: at(x, 7.5, k),
     "fill rows": lambda x, i, b, u, k: at(b * x, 7.5, k),
     "NaN at run time": lambda x, i, b, u, k: at(x, None, k),
+    "the largest beside a mask": lambda x, i, b, u, k: jnp.max(at(x, -jnp.inf, k)),
     "the least integer at run time": lambda x, i, b, u, k: jnp.take(i, k),
     "clip": lambda x, i, b, u, k: jnp.take(x, k, mode="clip"),
     "wrap": lambda x, i, b, u, k: jnp.take(x, k, mode="wrap"),
@@ -75,6 +76,22 @@ def test_indexing_and_bools_are_as_in_jax(name, parties, truncation):
 def test_an_index_out_of_range_that_reads_no_number_is_refused(x):
     with pytest.raises(NotImplementedError, match=r"out of range.*fill_value.*clip"):
         cn.secure(lambda x: jnp.take(x, INDEX))(jax.random.key(1), cn.share(jax.random.key(0), x, parties=2))
+
+
+@pytest.mark.parametrize(
+    "f", [jnp.sum, lambda v: 2 * v, jax.nn.relu, jnp.max, lambda v: v > 0, lambda v: jnp.cumsum(v[::-1])]
+)
+def test_what_is_computed_with_an_entry_out_of_range_is_no_number(f):
+    x, key = cn.share(jax.random.key(0), FLOATS, parties=2), jax.random.key(1)
+    step = cn.secure(lambda x, i: (f(jnp.take(x, i)), x))
+    with pytest.raises(
+        ValueError, match=r"computes with what was read at an index out of range.*test_dtypes"
+    ):
+        step(key, x, np.array([0, 9, 9, -9]))
+    for revealed in map(cn.reveal, jax.jit(step)(key, x, np.array([0, 9, 9, -9]))):
+        assert revealed.dtype == bool or np.all(np.isnan(revealed))
+    inside = np.array([0, 2, 2, -1])
+    np.testing.assert_allclose(cn.reveal(step(key, x, inside)[0]), f(FLOATS[inside]), atol=2.0**-19)
 
 
 @pytest.mark.parametrize("f", [lambda v: 2 * v, lambda v: v, lambda v: jnp.ones_like(v)])

@@ -116,8 +116,62 @@ CONSTANT = {
 def test_a_loop_with_one_key_for_all_iterations_is_refused(name):
     for constant in CONSTANT.values():
         for loop in looped(partial(BODIES[name], constant)):
-            with pytest.raises(ValueError, match=r"one key for all iterations.*ring\.keys\.derive\(key, i\)"):
+            with pytest.raises(
+                ValueError, match=r"one key for each iteration of a loop.*ring\.keys\.derive\(key, i\)"
+            ):
                 loop()
+
+
+def test_a_loop_with_one_key_for_what_the_function_closes_over_is_refused():
+    """Multiples of a secret under one mask; also where the call before had a key of each iteration's own."""
+
+    def body(c, each):
+        x, key = each
+        scaled = cn.secure(lambda s: s * s * x)
+        scaled(key, SECRET)
+        return c, scaled(KEY, SECRET)
+
+    for tool in (lambda step: step, cn.validate, cn.audit):
+        fresh.forget()  # other functions, of the same secret
+        with pytest.raises(ValueError, match="one key for each iteration"):
+            lax.scan(lambda c, x, tool=tool: (c, tool(cn.secure(lambda s: s * x))(KEY, SECRET)), 0, X)
+    fresh.forget()
+    with pytest.raises(ValueError, match="one key for each iteration"):
+        lax.scan(body, 0, (X, KEYS))
+
+
+@pytest.mark.parametrize("derivative", [jax.custom_jvp, jax.custom_vjp])
+def test_a_function_with_a_derivative_of_its_own_takes_its_key_as_an_argument(derivative):
+    """It may be called in a loop, which cannot be seen from within."""
+    closed = derivative(lambda x: share(KEY, x))
+    given = derivative(lambda key, x: share(key, x))
+    for function in (closed, given):
+        (function.defjvp if derivative is jax.custom_jvp else function.defvjp)(function, function)
+    for trace in (lambda: lax.scan(lambda c, x: (c, closed(x)), 0, X), lambda: jax.jit(closed)(X)):
+        with pytest.raises(ValueError, match=r"derivative of its own.*its key as an argument"):
+            trace()
+    assert closed(X[0]).shape == (2,)
+    shares = lax.scan(lambda c, each: (c, given(*each)), 0, (KEYS, X))[1].shares
+    assert len(np.unique(shares)) == shares.size
+
+
+def test_devices_with_one_key_are_refused():
+    mesh = jax.make_mesh((1,), ("d",), axis_types=(jax.sharding.AxisType.Auto,))
+    spec = jax.sharding.PartitionSpec
+
+    def mapped(function):
+        return jax.shard_map(
+            function, mesh=mesh, in_specs=(spec("d"),), out_specs=spec(None, "d"), check_vma=False
+        )
+
+    for function in (mapped(lambda x: share(KEY, x)), jax.jit(mapped(lambda x: share(KEY, x)))):
+        with pytest.raises(ValueError, match="one key for each device"):
+            function(X)
+
+    def of_each(x):
+        return share(cn.ring.keys.derive(KEY, lax.axis_index("d")), x)
+
+    np.testing.assert_array_equal(cn.reveal(mapped(of_each)(X)), X)
 
 
 @pytest.mark.parametrize("name", BODIES)
@@ -213,3 +267,11 @@ def test_a_sum_over_an_axis_that_a_user_calls_party_is_not_over_the_parties():
 
     results = jax.vmap(of_each, axis_name="party")(KEYS, jnp.arange(1.0, 4.0))
     np.testing.assert_array_equal(cn.reveal(results), [2 * X + 6.0] * 3)
+
+
+def test_one_entry_of_many_is_something_else_to_hide():
+    many = np.zeros(100_000)
+    share(KEYS[0], many)
+    many[1] = 5
+    with pytest.raises(KeyReuseWarning):
+        share(KEYS[0], many)
