@@ -41,7 +41,9 @@ class Secret:
 
     `jax.tree.map` goes over the shares, and over a seal that moves along (`secret.seal`). It may copy them,
     keep them in files, stack them in front, fill them with zeros, select among them, and index the axes
-    behind the party axis. What else moves the party axis raises ValueError, and arithmetic TypeError.
+    behind the party axis. What else moves the party axis raises ValueError, and arithmetic TypeError. Not
+    seen are `jnp.ones_like` and `full_like`, which fill the shares and not the value, and a collective over a
+    vmapped axis, `lax.pmax`. Where a library's checkpoints do not take `float0`, keep `x.shares`.
     """
 
     shares: UInt64[Array, "p ..."]
