@@ -10,7 +10,7 @@ randomness show differences of what they compute on. So, of `share` and of funct
   argument through another jitted function or to all devices, is not. Of a function with a derivative of its
   own nobody knows whether it is called in a loop: a key that it closes over raises under a trace;
 - a key given a second time, to hide something else, warns (`of_each_call`). Seen are concrete keys and values
-  outside of a trace, the last ones of a process. Two keys that are equal are not taken for one under a trace.
+  outside of a trace, the last ones of a process, and equal keys of a batch that `share` is vmapped over.
 """
 
 import sys
@@ -45,7 +45,8 @@ class KeyReuseWarning(UserWarning):
 
 
 def of_each_entry(key: Array, hidden: Any, what: str) -> Array:
-    """The key; raises under a `vmap` that goes over what it hides and not over the key.
+    """The key; raises under a `vmap` that goes over what it hides and not over the key, and warns where keys
+    that it goes over are equal, as far as they are known.
 
     Args:
         key: one random key.
@@ -76,6 +77,11 @@ def _guard(what: str) -> Any:
                 f"vmap over {_called(what)} with one key for all entries would hide them all by the same "
                 f"masks. Give each entry a key: jax.vmap({what})(jax.random.split(key, n), ...)."
             )
+        if any(jax.tree.leaves(in_batched[1])) and not isinstance(key, Tracer):
+            words = np.asarray(keys.words(keys.typed(key)))
+            words = words.reshape(-1, words.shape[-1])
+            if len(np.unique(words, axis=0)) < len(words):
+                warnings.warn(_leak(what), KeyReuseWarning, stacklevel=_users_level())
         # Asked again for the vmaps around this one.
         return key_of_each(key, hidden), True
 

@@ -275,3 +275,12 @@ def test_one_entry_of_many_is_something_else_to_hide():
     many[1] = 5
     with pytest.raises(KeyReuseWarning):
         share(KEYS[0], many)
+
+
+def test_equal_keys_of_a_batch_are_one_key_given_twice():
+    same = jnp.broadcast_to(KEY, (3,))
+    with pytest.raises(KeyReuseWarning):
+        jax.vmap(share)(same, X)
+    with pytest.raises(KeyReuseWarning):
+        jax.vmap(jax.vmap(share))(jnp.stack([KEYS, KEYS], 1), X)
+    jax.vmap(lambda key: share(key, X))(same)
