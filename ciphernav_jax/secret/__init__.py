@@ -1,5 +1,6 @@
 """From functions on floats to functions on secrets.
 
+- `seal`: what `jax.tree.map` may do with the shares of a secret.
 - `fresh`: whether a random key is given twice, and to what.
 - `array`: `Secret`, `share`, `reveal`.
 - `places`: the line of the user's function that an operation comes from.
