@@ -10,12 +10,14 @@ randomness show differences of what they compute on. So, of `share` and of funct
   argument through another jitted function or to all devices, is not. Of a function with a derivative of its
   own nobody knows whether it is called in a loop: a key that it closes over raises under a trace;
 - a key given a second time, to hide something else, warns (`of_each_call`). Seen are concrete keys and values
-  outside of a trace, the last ones of a process, and equal keys of a batch that `share` is vmapped over.
+  outside of a trace, the last ones of a process; the same key within one trace; and equal keys of a batch
+  that `share` is vmapped over.
 """
 
 import sys
 import threading
 import warnings
+import weakref
 import zlib
 from collections import OrderedDict
 from functools import cache
@@ -147,7 +149,9 @@ def _varies(inside: list[Any], x: Any) -> bool:
 
 # --- calls --------------------------------------------------------------------------------------------
 
-_hidden_by: OrderedDict[tuple[str, bytes], int] = OrderedDict()
+Uses = OrderedDict[tuple[str, bytes | int], tuple[int, weakref.ref[Tracer] | None]]
+_hidden_by: Uses = OrderedDict()
+_hidden_in: weakref.WeakKeyDictionary[Any, Uses] = weakref.WeakKeyDictionary()  # by trace
 _lock = threading.Lock()
 
 
@@ -164,16 +168,22 @@ def of_each_call(key: Array, hidden: Any, what: str, *, where: str = "", how: An
         how: hashable; what else decides what is hidden.
     """
     leaves = jax.tree.leaves(hidden)
-    if any(isinstance(x, Tracer) for x in (key, *leaves)):
-        return
+    traced = any(isinstance(x, Tracer) for x in (key, *leaves))
     with jax.ensure_compile_time_eval():
-        used = (what + where, np.asarray(keys.words(keys.typed(key))).tobytes())
-        now = hash((how, *(_checksum(x) for x in leaves)))
+        name = id(key) if isinstance(key, Tracer) else np.asarray(keys.words(keys.typed(key))).tobytes()
+        now = hash((how, *(id(x) if isinstance(x, Tracer) else _checksum(x) for x in leaves)))
+    used = (what + where, name)
     with _lock:
-        before = _hidden_by.setdefault(used, now)
-        _hidden_by.move_to_end(used)
-        if len(_hidden_by) > REMEMBERED:
-            _hidden_by.popitem(last=False)
+        # Traced values are known by which they are, within their trace.
+        trace = next(jax_private.traces())
+        hidden_by = _hidden_in.setdefault(trace, OrderedDict()) if traced else _hidden_by
+        before, of = hidden_by.get(used, (now, None))
+        if of is not None and of() is not key:  # another traced key, which came into its place
+            before = now
+        hidden_by[used] = (before, weakref.ref(key) if isinstance(key, Tracer) else None)
+        hidden_by.move_to_end(used)
+        if len(hidden_by) > REMEMBERED:
+            hidden_by.popitem(last=False)
     if before != now:
         warnings.warn(_leak(what), KeyReuseWarning, stacklevel=_users_level())
 

@@ -284,3 +284,24 @@ def test_equal_keys_of_a_batch_are_one_key_given_twice():
     with pytest.raises(KeyReuseWarning):
         jax.vmap(jax.vmap(share))(jnp.stack([KEYS, KEYS], 1), X)
     jax.vmap(lambda key: share(key, X))(same)
+
+
+@pytest.mark.parametrize(
+    "traced", [jax.jit, lambda f: jax.jit(lambda key, x: lax.cond(x[0, 0] < 9, f, f, key, x))]
+)
+def test_a_key_given_twice_within_a_trace_is_warned_of(traced):
+    for twice in (
+        lambda key, x: (share(key, x), share(key, 2 * x)),
+        lambda key, x: (share(KEY, x), share(KEY, x[0])),
+        lambda key, x: (step(key, SECRET), step(key, share(KEYS[0], x))),
+        lambda key, x: (two(key, SECRET, x[0]), two(key, SECRET, x[1])),
+    ):
+        with pytest.raises(KeyReuseWarning):
+            traced(twice)(KEY, jnp.asarray(X))
+    for once in (
+        lambda key, x: (share(key, x), share(key, x)),
+        lambda key, x: (share(key, x), step(key, SECRET)),
+        lambda key, x: [share(k, x * i) for i, k in enumerate(jax.random.split(key, 9))],
+        lambda key, x: lax.cond(x[0, 0] > 0, lambda: share(key, x), lambda: share(key, -x)),
+    ):
+        traced(once)(KEY, jnp.asarray(X))
