@@ -67,7 +67,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as cache:
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {QUICK}"
         os.environ |= CACHED | {"JAX_COMPILATION_CACHE_DIR": cache}
-        with pool(options.jobs, maxtasksperchild=5) as jobs:
+        with pool(options.jobs, maxtasksperchild=25) as jobs:
             for result in jobs.imap_unordered(part, left):
                 known.append(result)
                 if options.out:
