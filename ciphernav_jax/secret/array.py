@@ -78,7 +78,7 @@ class Secret:
     @property
     def stacked(self) -> int:
         """How many axes stand in front of the party axis."""
-        return self.shares.ndim - 1 - self.rank if is_array(self.shares) else 0
+        return len(self.shares.shape) - 1 - self.rank if is_array(self.shares) else 0
 
     def party_first(self) -> "Secret":
         """The same secret with the party as leading axis.

@@ -240,6 +240,11 @@ def test_trees_of_something_else_than_arrays_are_shown():
     assert repr(jax.tree.map(jnp.shape, X)) == "Secret((2, 2, 2))"
     assert sum(leaf.size for leaf in jax.tree.leaves(X)) == X.shares.size
     assert jax.eval_shape(lambda x: x, X).shape == (2, 2)
+    lowered = jax.jit(lambda x: x).lower(X)
+    np.testing.assert_array_equal(cn.reveal(lowered.compile()(X)), [[1, 2], [3, 4]])
+    np.testing.assert_array_equal(
+        cn.reveal(jax.jit(lambda x: x).trace(X).lower().compile()(X)), [[1, 2], [3, 4]]
+    )
 
 
 def test_a_secret_is_not_shared_again():
