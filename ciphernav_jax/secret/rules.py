@@ -428,10 +428,23 @@ def _equal(context: Context, x: Operand, y: Operand) -> Operand:
 def _different(context: Context, x: Operand, y: Operand) -> Operand:
     if x is y:
         return np.zeros(x.shape, np.bool_)  # the usual test for NaN, which no secret is
+    for one, other in ((x, y), (y, x)):
+        if isinstance(one, Value) and one.choice is not None:
+            a, b, above = one.choice
+            for same, rest in ((a, b), (b, a)):
+                if _is_same(other, same):
+                    return _greater(context, rest, other) if above else _greater(context, other, rest)
     if any(map(_is_large_integer, (x, y))) and not (isinstance(x, Value) and isinstance(y, Value)):
         return _bit(_greater(context, x, y).add(_greater(context, y, x)))
     above, below = _sides(_comparable(context, x).compared(_comparable(context, y)))
     return _bit(above.add(below))
+
+
+def _is_same(x: Operand, y: Operand) -> bool:
+    """Whether a maximum, which may have been rounded, and a comparison with it have the same operand."""
+    if isinstance(x, np.ndarray) and isinstance(y, np.ndarray):
+        return np.array_equal(x, y)
+    return x is y
 
 
 def _sides(x: Value) -> tuple[Value, Value]:
@@ -480,7 +493,11 @@ def _never_chosen(context: Context, x: Operand, y: Operand, above: bool) -> Oper
 def _max(context: Context, x: Operand, y: Operand) -> Operand:
     """relu(x - y) + y, with a y that is public or waits for no truncation: the same in both places."""
     chosen = _never_chosen(context, x, y, above=False)
-    return _larger(_comparable(context, x), _comparable(context, y)) if chosen is None else chosen
+    if chosen is not None:
+        return chosen
+    larger = _larger(_comparable(context, x), _comparable(context, y))
+    larger.choice = x, y, True
+    return larger
 
 
 def _larger(above: Value, base: Value) -> Value:
@@ -500,7 +517,9 @@ def _min(context: Context, x: Operand, y: Operand) -> Operand:
     chosen = _never_chosen(context, x, y, above=True)
     if chosen is not None:
         return chosen
-    return _larger(_comparable(context, x).negated(), _comparable(context, y).negated()).negated()
+    smaller = _larger(_comparable(context, x).negated(), _comparable(context, y).negated()).negated()
+    smaller.choice = x, y, False
+    return smaller
 
 
 @rule("clamp")

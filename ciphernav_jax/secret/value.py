@@ -78,6 +78,7 @@ class Value:
         coarse: the same with fewer fractional bits, of a sum or of an integer that is larger than a result
             may be before a constant scales it down; see `summed` and `at_most`.
         doubled: whether this is a difference of two values that are compared.
+        choice: the two operands of which this is the larger one, or with False the smaller one.
         poisoned: whether an entry stands for no number, where only the run knows: it read NaN, out of range.
         reference, row: where a witness stands beside the program, what the value should be, and the
             equation that made it (`secret.witness`).
@@ -85,6 +86,7 @@ class Value:
 
     reference: Array | None = None
     row: "Row | None" = None
+    choice: "tuple[Value | Array | np.ndarray, Value | Array | np.ndarray, bool] | None" = None
     poisoned: Array | None = None
 
     def __init__(

@@ -405,3 +405,36 @@ def test_a_scaling_takes_as_many_truncations_as_documented(frac_bits, once, mask
         _, (carried_out, failed) = cn.audit(cn.secure(function, protocol=protocol))(jax.random.key(1), x)
         assert x.size < carried_out <= x.size * most
         assert failed == 0
+
+
+EXTREMES = {
+    "above 0": lambda v: jnp.maximum(v, 0.0),
+    "above a constant": lambda v: jnp.maximum(v, 0.5),
+    "below a constant": lambda v: jnp.minimum(v, 0.5),
+    "above a public number": lambda v: jnp.maximum(v, jnp.full(3, 0.25)),
+    "of two": lambda v: jnp.maximum(2 * v, v - 1),
+    "of two products": lambda v: jnp.minimum(v, v[::-1] + 1),
+    "above the mean": lambda v: jnp.maximum(v, v.mean()),
+    "clipped": lambda v: jnp.clip(v, -0.5, 0.5),
+    "equal to its extremes": lambda v: (
+        jnp.where(jnp.maximum(v, 0.1) == v, v, 0.0) + jnp.where(jnp.minimum(v, 0.2) != v, 2.0, 0.0)
+    ),
+}
+
+
+def extremes_and_slopes(a, b):
+    def slope(f):
+        return jax.grad(lambda a: jnp.sum(f(a * b) ** 2))(a)
+
+    return [slope(f) for f in EXTREMES.values()] + [f(a * b) for f in EXTREMES.values()]
+
+
+@pytest.mark.parametrize("parties", [2, 3])
+def test_a_product_is_what_its_maximum_is_made_of(parties):
+    """JAX's derivative asks where a maximum equals its operand; the one is truncated, the other is not."""
+    a, b = np.random.default_rng(3).uniform(-2, 2, (2, 2, 3))
+    shared = cn.share(jax.random.key(0), (a, b), parties=parties)
+    results = cn.reveal(cn.secure(extremes_and_slopes)(jax.random.key(1), *shared))
+    for got, exact in zip(results, extremes_and_slopes(a, b), strict=True):
+        assert np.any(exact != 0)
+        np.testing.assert_allclose(got, exact, atol=2.0**-14)
