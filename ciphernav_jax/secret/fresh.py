@@ -109,8 +109,7 @@ BODIES = {
 
 
 def of_each_iteration(key: Array, hidden: Any, what: str) -> None:
-    """Raises ValueError in the body of a loop whose iterations, or for devices that, have one key and hide
-    different things.
+    """Raises ValueError in a body that iterations, or devices, carry out with one key for different things.
 
     Arguments as for `of_each_entry`.
     """
