@@ -9,14 +9,13 @@ import jax
 import numpy as np
 
 from ciphernav_jax.files import REMEDY, DamagedError, read_arrays, write_arrays
-from ciphernav_jax.secret import Secret
+from ciphernav_jax.secret import is_secret
 
 
 def save_tree(path: Path, tree: Any, of: str = "", **more: Any) -> None:
     """Write a pytree's leaves, of secrets the shares, and `more` arrays by name (`files.write_arrays`)."""
-    leaves, _ = jax.tree.flatten(tree, is_leaf=_is_secret)
-    arrays = {str(index): np.asarray(_array(leaf)) for index, leaf in enumerate(leaves)}
-    write_arrays(path, arrays | more, of)
+    leaves = enumerate(jax.tree.leaves(tree, is_leaf=is_secret))
+    write_arrays(path, {str(index): np.asarray(_array(leaf)) for index, leaf in leaves} | more, of)
 
 
 def load_tree(path: Path, like: Any, of: str = "", remedy: str = REMEDY) -> tuple[Any, dict[str, Any]]:
@@ -28,22 +27,18 @@ def load_tree(path: Path, like: Any, of: str = "", remedy: str = REMEDY) -> tupl
         DamagedError: the file is missing, is not what was written, or holds other shapes than `like`.
     """
     stored = read_arrays(path, of, remedy)
-    leaves, structure = jax.tree.flatten(like, is_leaf=_is_secret)
+    leaves, structure = jax.tree.flatten(like, is_leaf=is_secret)
     found = []
     for index, leaf in enumerate(leaves):
         array, expected = stored.pop(str(index), None), np.asarray(_array(leaf))
         if array is None or (array.shape, array.dtype) != (expected.shape, expected.dtype):
             raise DamagedError(f"{path} holds arrays of another version of this program; {remedy}")
-        found.append(replace(leaf, shares=array) if _is_secret(leaf) else array)
+        found.append(replace(leaf, shares=array) if is_secret(leaf) else array)
     return jax.tree.unflatten(structure, found), stored
 
 
-def _is_secret(x: Any) -> bool:
-    return isinstance(x, Secret)
-
-
 def _array(leaf: Any) -> Any:
-    return leaf.shares if _is_secret(leaf) else leaf
+    return leaf.shares if is_secret(leaf) else leaf
 
 
 class Checkpoint:

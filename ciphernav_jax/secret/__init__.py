@@ -23,7 +23,7 @@
 - `audit`: the truncations of a call, and how many fail.
 """
 
-from ciphernav_jax.secret.array import Secret, reveal, share
+from ciphernav_jax.secret.array import Secret, is_secret, reveal, share
 from ciphernav_jax.secret.audit import audit
 from ciphernav_jax.secret.cost import LAN, WAN, Cost, Network, cost
 from ciphernav_jax.secret.fresh import KeyReuseWarning
@@ -46,6 +46,7 @@ __all__ = [
     "audit",
     "cost",
     "deploy",
+    "is_secret",
     "reveal",
     "secure",
     "share",

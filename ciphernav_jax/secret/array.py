@@ -193,7 +193,8 @@ _refuse(
 )
 
 
-def _is_secret(x: Any) -> bool:
+def is_secret(x: Any) -> bool:
+    """Whether it is a `Secret`: the `is_leaf` with which a tree of them is taken as one of values."""
     return isinstance(x, Secret)
 
 
@@ -211,7 +212,7 @@ def share(key: Array, values: Any, *, parties: int, protocol: Protocol | None = 
     Returns:
         The same pytree with a `Secret` for each array. Under `jit` an entry that is out of range or not
         finite is *poisoned*, and warned of when it runs. It stands for no number, and `reveal` says so;
-        poison survives being moved, and additions; products and comparisons lose it.
+        poison survives being moved; a sum of several may lose it, products and comparisons do.
 
     Raises:
         ValueError: fewer than two parties; a value out of range or not finite (where it is concrete); a
@@ -235,11 +236,11 @@ def share_all(key: Array, values: Any, parties: int, protocol: Protocol) -> Any:
     """What `share` does, whatever else the key has hidden."""
 
     def shared(path: Any, leaf: Any) -> Secret:
-        if _is_secret(leaf):
+        if is_secret(leaf):
             raise TypeError("a Secret is shared already: give it to secure functions as it is")
         return _share_array(keys.derive(key, "share", jax.tree_util.keystr(path)), leaf, parties, protocol)
 
-    return jax.tree_util.tree_map_with_path(shared, values, is_leaf=_is_secret)
+    return jax.tree_util.tree_map_with_path(shared, values, is_leaf=is_secret)
 
 
 def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> Secret:
@@ -307,7 +308,7 @@ def reveal(x: Any) -> Any:
         result in range is: a computation left the range, or had a number of which there is none, shared
         (`share`) or public (`secure`), under a trace; int64 is then -2^63.
     """
-    return jax.tree.map(lambda leaf: _reveal_array(leaf) if _is_secret(leaf) else leaf, x, is_leaf=_is_secret)
+    return jax.tree.map(lambda leaf: _reveal_array(leaf) if is_secret(leaf) else leaf, x, is_leaf=is_secret)
 
 
 def _reveal_array(x: Secret) -> Array:

@@ -36,7 +36,7 @@ def audit(step: Secure) -> Callable[..., tuple[Any, tuple[Array, Array]]]:
 
     def audited(key: Array, *args: Any) -> tuple[Any, tuple[Array, Array]]:
         counted, findings = evaluate(key, step.checked(key, args))
-        step.check(key, findings)
+        step.require_sound(key, findings)
         return counted
 
     return audited

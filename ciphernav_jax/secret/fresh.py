@@ -191,6 +191,7 @@ def forget() -> None:
     """Forgets all keys: what comes is another run."""
     with _lock:
         _hidden_by.clear()
+        _hidden_in.clear()
 
 
 def _leak(what: str) -> str:

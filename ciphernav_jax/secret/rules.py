@@ -79,6 +79,10 @@ def _is_zero(x: Operand) -> bool:
 # --- data movement: the same operation on the shares ------------------------------------------------
 
 
+MOVES = {"gather", "scatter", "select_n", "split", "stop_gradient", "unstack"}
+"""The rules that compute nothing: an entry that stands for no number stays recognisable as such."""
+
+
 def _moves(primitive: Primitive, data_operands: int | None = None) -> None:
     """Registers a primitive that only moves entries: applied to the shares as it is.
 
@@ -98,6 +102,7 @@ def _moves(primitive: Primitive, data_operands: int | None = None) -> None:
         return data[0].moved(bound) if count == 1 else join(bound, *data)
 
     RULES[primitive.name] = move
+    MOVES.add(primitive.name)
 
 
 for _primitive in (
@@ -133,13 +138,6 @@ def _unstack(context: Context, x: Value, *, axis: int) -> list[Value]:
         x.moved(partial(lax.index_in_dim, index=i, axis=axis, keepdims=False)) for i in range(x.shape[axis])
     ]
 
-
-MOVES = {
-    *("broadcast_in_dim", "concatenate", "copy", "dynamic_slice", "dynamic_update_slice", "gather", "pad"),
-    *("reshape", "rev", "scatter", "select_n", "slice", "split", "squeeze", "stack", "stop_gradient", "tile"),
-    *("transpose", "unstack"),
-}
-"""The rules that compute nothing: an entry that stands for no number stays recognisable as such."""
 
 TYPED = {"gather", "reduce_max", "reduce_min"}
 """The rules that are also given the `dtype` of their result."""

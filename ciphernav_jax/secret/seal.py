@@ -88,12 +88,11 @@ def seal(shares: Any, stacked: int) -> Any:
     """The seal of shares with so many axes in front of the party axis; what stands in place of an array (an
     axis, a sharding) is its own.
     """
-    if not is_array(shares):
-        return shares
-    shape = list(shares.shape)
-    if 0 <= stacked < len(shape):
-        shape[stacked] = 0
-    return _of_shape(tuple(shape))
+    return _of_shape(_shape(shares, stacked)) if is_array(shares) else shares
+
+
+def _shape(shares: Any, stacked: int) -> tuple[int, ...]:
+    return tuple(0 if axis == stacked else size for axis, size in enumerate(shares.shape))
 
 
 def require_moved_along(shares: Any, found: Any, stacked: int, parties: int) -> None:
@@ -111,7 +110,7 @@ def require_moved_along(shares: Any, found: Any, stacked: int, parties: int) -> 
     there = shares.shape[stacked]
     if there != parties:
         raise ValueError(_MOVED.format(what=f"what made {there} rows of those of {parties} parties"))
-    if found.shape != seal(shares, stacked).shape:
+    if found.shape != _shape(shares, stacked):
         raise ValueError(_MOVED.format(what="something"))
 
 

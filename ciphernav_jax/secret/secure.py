@@ -26,7 +26,7 @@ from ciphernav_jax.protocols.party import from_party_zero
 from ciphernav_jax.protocols.run import run
 from ciphernav_jax.ring.fixed_point import no_gradient, require_x64
 from ciphernav_jax.secret import bounds, fresh, integers
-from ciphernav_jax.secret.array import Secret
+from ciphernav_jax.secret.array import Secret, is_secret
 from ciphernav_jax.secret.findings import Findings, NotUsable
 from ciphernav_jax.secret.loops import LOOPS
 from ciphernav_jax.secret.places import Place, of_function, place
@@ -58,10 +58,10 @@ class Secure:
     def computed(self, key: Array, args: tuple[Any, ...]) -> Any:
         """The results of a call, its arguments being prepared; raises where a public number is not usable."""
         results, (_, findings) = self.jitted(key, args)
-        self.check(key, findings)
+        self.require_sound(key, findings)
         return results
 
-    def check(self, key: Array, findings: Findings) -> None:
+    def require_sound(self, key: Array, findings: Findings) -> None:
         """Raises where a call turned out unsound once it was traced: a public number is not usable; or the
         function reads numbers of a loop by itself, and has one key for all iterations.
         """
@@ -85,9 +85,7 @@ class Secure:
                 "the first argument of a secure function is the dealer's random key, "
                 f"jax.random.key(seed), got {type(key).__name__}"
             )
-        return jax.tree.map(
-            lambda x: x if isinstance(x, Secret) else no_gradient(x), args, is_leaf=_is_secret
-        )
+        return jax.tree.map(lambda x: x if isinstance(x, Secret) else no_gradient(x), args, is_leaf=is_secret)
 
     def evaluate(self, key: Array, args: tuple[Any, ...], run: Callable[..., Any] = run) -> Any:
         """Traces the function and has its program run: `run(program, key, parties, private, public, mesh,
@@ -101,7 +99,7 @@ class Secure:
         """As `evaluate`, with the notes that such a witness takes of the program, and what was found of
         public numbers. Where something was, all secret results are poisoned.
         """
-        named, tree = jax.tree_util.tree_flatten_with_path(args, is_leaf=_is_secret)
+        named, tree = jax.tree_util.tree_flatten_with_path(args, is_leaf=is_secret)
         names, leaves = [jax.tree_util.keystr(path) for path, _ in named], [x for _, x in named]
         leaves = [x.party_first() if isinstance(x, Secret) else x for x in leaves]
         secrets = [x for x in leaves if isinstance(x, Secret)]
@@ -212,10 +210,6 @@ def deploy(step: Secure, mesh: Mesh) -> Secure:
             "Deploy a step with real variants."
         )
     return replace(step, mesh=mesh)
-
-
-def _is_secret(x: Any) -> bool:
-    return isinstance(x, Secret)
 
 
 def _check_secrets(secrets: list[Secret], protocol: Protocol) -> int:

@@ -249,7 +249,7 @@ def validate(step: Secure, *, strict: bool = False) -> Callable[..., tuple[Any, 
 
     def validated(key: Array, *args: Any) -> tuple[Any, Report]:
         result, report, findings = evaluate(key, step.checked(key, args))
-        step.check(key, findings)
+        step.require_sound(key, findings)
         if strict:
             report.check()
         return result, report

@@ -16,7 +16,7 @@ from ciphernav_jax.navigation.parties import CAMERAS, SLOTS
 from ciphernav_jax.navigation.samples import Samples
 from ciphernav_jax.navigation.trained import Trained
 from ciphernav_jax.ring import keys
-from ciphernav_jax.secret import Secret, share
+from ciphernav_jax.secret import is_secret, share
 from ciphernav_jax.world.grid import CELLS
 
 SEED, COUNT = 0, 5
@@ -185,7 +185,7 @@ def test_what_is_attacked_is_what_training_shares(features, samples, monkeypatch
     with pytest.raises(Begun) as begun:
         classifier.train(features[0], samples, RECIPE, SEED, key, fresh, lambda *_: None, 2)
     run = own_runs.training(key, features[0], samples, RECIPE, SEED, 2, steps=1)
-    expected = [x.shares for x in jax.tree.leaves(begun.value.args, is_leaf=lambda x: isinstance(x, Secret))]
+    expected = [x.shares for x in jax.tree.leaves(begun.value.args, is_leaf=is_secret)]
     state = [run.public[name] for name in ("weights kernel", "velocity kernel", "loss")]
     attacked = [secret.shares for secret in (*state, *run.secret.values())]
     assert len(expected) == len(attacked) == 3 + len(SLOTS) + 1

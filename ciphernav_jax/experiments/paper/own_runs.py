@@ -45,7 +45,7 @@ from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.parties import CAMERAS, SLOTS
 from ciphernav_jax.navigation.samples import Samples, start_headings, training_samples
 from ciphernav_jax.protocols import Protocol, sharing
-from ciphernav_jax.secret import Secret, secure, view
+from ciphernav_jax.secret import Secret, is_secret, secure, view
 from ciphernav_jax.secret.view import View
 from ciphernav_jax.world.grid import START
 
@@ -128,7 +128,7 @@ def observed_decision(protocol: Protocol) -> Any:
 
 
 def _leaves(values: Mapping[str, Any]) -> dict[str, Secret]:
-    found = jax.tree_util.tree_leaves_with_path(values, is_leaf=lambda x: isinstance(x, Secret))
+    found = jax.tree_util.tree_leaves_with_path(values, is_leaf=is_secret)
     return {jax.tree_util.keystr(path, simple=True, separator=" "): leaf for path, leaf in found}
 
 
