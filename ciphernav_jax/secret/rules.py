@@ -393,7 +393,10 @@ def _whole(context: Context, x: Public, rounded: str) -> Public:
     return numpy.asarray(numpy.clip(whole, -(2.0**62), 2.0**62), np.int64)
 
 
-def _greater(context: Context, x: Operand, y: Operand) -> Value:
+def _greater(context: Context, x: Operand, y: Operand) -> Operand:
+    shape, (x, y) = np.broadcast_shapes(np.shape(x), np.shape(y)), _unchosen(x, y)
+    if x is y:
+        return np.zeros(shape, np.bool_)
     # Of an integer x, x > c where x > floor(c), and c > x where ceil(c) > x.
     if _is_large_integer(x) and not isinstance(y, Value):
         x, y = x.shorter, _whole(context, y, "floor")
@@ -418,31 +421,45 @@ def logical_not(context: Context, x: Value) -> Value:
     return _bit(_sub(context, np.array(1), x))
 
 
-def _equal(context: Context, x: Operand, y: Operand) -> Operand:
-    different = _different(context, x, y)
-    return logical_not(context, different) if isinstance(different, Value) else ~different
+def _not(context: Context, x: Operand) -> Operand:
+    return logical_not(context, x) if isinstance(x, Value) else ~x
 
 
-def _different(context: Context, x: Operand, y: Operand) -> Operand:
-    if x is y:
-        return np.zeros(x.shape, np.bool_)  # the usual test for NaN, which no secret is
+def _unchosen(x: Operand, y: Operand) -> tuple[Operand, Operand]:
+    """Operands of which the first is larger where x > y is: where one of x and y is the maximum or minimum
+    of the other and a third, which may have been rounded, these are the two that it is made of.
+
+    With m = max(y, z), m > y where z > y, and y > m nowhere, as y > y.
+    """
     for one, other in ((x, y), (y, x)):
         if isinstance(one, Value) and one.choice is not None:
             a, b, above = one.choice
             for same, rest in ((a, b), (b, a)):
                 if _is_same(other, same):
-                    return _greater(context, rest, other) if above else _greater(context, other, rest)
-    if any(map(_is_large_integer, (x, y))) and not (isinstance(x, Value) and isinstance(y, Value)):
-        return _bit(_greater(context, x, y).add(_greater(context, y, x)))
-    above, below = _sides(_comparable(context, x).compared(_comparable(context, y)))
-    return _bit(above.add(below))
+                    instead = rest if above == (one is x) else other
+                    return (instead, other) if one is x else (other, instead)
+    return x, y
 
 
 def _is_same(x: Operand, y: Operand) -> bool:
-    """Whether a maximum, which may have been rounded, and a comparison with it have the same operand."""
     if isinstance(x, np.ndarray) and isinstance(y, np.ndarray):
         return np.array_equal(x, y)
     return x is y
+
+
+def _different(context: Context, x: Operand, y: Operand) -> Operand:
+    known = x is y or any(a is not b for a, b in zip(_unchosen(x, y), (x, y), strict=True))
+    whole = any(map(_is_large_integer, (x, y))) and not (isinstance(x, Value) and isinstance(y, Value))
+    if known or whole:  # x is not x: the usual test for NaN, which no secret is
+        return _either(_greater(context, x, y), _greater(context, y, x))
+    return _either(*_sides(_comparable(context, x).compared(_comparable(context, y))))
+
+
+def _either(x: Operand, y: Operand) -> Operand:
+    """Whether one of two bits is 1 that are not both 1; one that is public is 0."""
+    if isinstance(x, Value) and isinstance(y, Value):
+        return _bit(x.add(y))
+    return x if isinstance(x, Value) else y
 
 
 def _sides(x: Value) -> tuple[Value, Value]:
@@ -457,14 +474,12 @@ def _sign(context: Context, x: Value) -> Value:
     return _bit(above.add(below.negated()))
 
 
-RULES["eq"] = _comparison(_equal, np.equal)
 RULES["ne"] = _comparison(_different, np.not_equal)
+RULES["eq"] = _comparison(lambda context, x, y: _not(context, _different(context, x, y)), np.equal)
 RULES["gt"] = _comparison(_greater, np.greater)
 RULES["lt"] = _comparison(lambda context, x, y: _greater(context, y, x), np.less)
-RULES["le"] = _comparison(lambda context, x, y: logical_not(context, _greater(context, x, y)), np.less_equal)
-RULES["ge"] = _comparison(
-    lambda context, x, y: logical_not(context, _greater(context, y, x)), np.greater_equal
-)
+RULES["le"] = _comparison(lambda context, x, y: _not(context, _greater(context, x, y)), np.less_equal)
+RULES["ge"] = _comparison(lambda context, x, y: _not(context, _greater(context, y, x)), np.greater_equal)
 
 
 @rule("is_finite")

@@ -310,8 +310,15 @@ class Value:
         return self.moved(jnp.negative)
 
     def compared(self, other: "Value") -> "Value":
-        """The difference of two values that are compared: of twice the range of those (`range_bits`)."""
-        difference = self.add(other.negated())
+        """The difference of two values that are compared: of twice the range of those (`range_bits`).
+
+        A product is truncated first where another secret, which is not a product, may be made of what it
+        truncates to: x == max(x).
+        """
+        x, y = self, other
+        if x.public is None and y.public is None and x.waits != y.waits:
+            x, y = x.settled, y.settled
+        difference = x.add(y.negated())
         difference.doubled = True
         return difference
 

@@ -243,6 +243,17 @@ def _body(d: Draw):
     return int(d.rng.integers(len(BODIES)))
 
 
+def _product(d: Draw, v):
+    """Two operands: the first secret, and with all entries of the product."""
+    i = d.pick(v, ("float",))
+    return i, d.pick(v, ("float",), like=v[i], secret=not d.coin(0.5))
+
+
+def _beside_its_maximum(d: Draw, v):
+    i, j = _product(d, v)
+    return (i, j, d.pick(v, ("float",), like=v[i], secret=not d.coin(0.5))), (d.one(NAMES),)
+
+
 CHOICES: dict[str, Callable[[Draw, list[Bounded]], tuple[tuple[int, ...], tuple[Any, ...]]]] = {
     "add": _two(("float", "int"), public=True),
     "sub": _two(("float", "int"), public=True),
@@ -302,8 +313,11 @@ CHOICES: dict[str, Callable[[Draw, list[Bounded]], tuple[tuple[int, ...], tuple[
     "until": lambda d, v: ((d.pick(v, ("float",)), _public(d, v, ("int",))), (_body(d),)),
     "branch": lambda d, v: ((d.pick(v, ("float",)), _public(d, v, ("bool",))), (_body(d), _body(d))),
     "slope": _with_constant,
+    "product_slope": lambda d, v: (_product(d, v), (d.constant(),)),
+    "product_beside_its_maximum": _beside_its_maximum,
+    "largest_product": lambda d, v: (_product(d, v), ()),
 }
-RARE = {"scan", "repeated", "until", "branch", "slope"}  # each is compiled by itself
+RARE = {"scan", "repeated", "until", "branch", "slope", "product_slope"}  # each is compiled by itself
 STEPS = [name for name in CHOICES for _ in range(1 if name in RARE else 3)]
 STEPS += ["copies", "copies", "mul", "scaled", "sum", "mean", "var", "cumsum", "maximum", "clip"] * 3
 

@@ -194,6 +194,18 @@ class Plain:
         """The derivative of sum(max(x, c)^2): 2 max(x, c) where x > c, half of it where they are equal."""
         return jax.grad(lambda v: jnp.sum(jnp.maximum(v, _constant(x, c)) ** 2))(x)
 
+    def product_slope(self, x, y, c):
+        """The derivative by x of sum(max(x y, c)): y where x y > c, half of it where they are equal."""
+        return jax.grad(lambda v: jnp.sum(jnp.maximum(v * y, _constant(x, c))))(x)
+
+    def product_beside_its_maximum(self, x, y, z, name):
+        product = x * y
+        return getattr(jnp, name)(jnp.maximum(product, z), product)
+
+    def largest_product(self, x, y):
+        product = x * y
+        return jnp.where(product == jnp.max(product), product, jnp.zeros((), x.dtype))
+
 
 def _constant(x, c):
     return np.asarray(c, x.dtype)

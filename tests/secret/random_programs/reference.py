@@ -420,3 +420,31 @@ class Reference:
         half = self.where(equal, largest, none)
         found = self.where(above, self.scaled(largest, 2.0), half)
         return replace(found, error=found.error + self.truncation)  # of what is multiplied by the bits
+
+    def product_slope(self, x, y, c):
+        limit, product = self.constant(x, c), self.mul(x, y)
+        y = replace(y, value=np.broadcast_to(y.value, x.shape), error=np.broadcast_to(y.error, x.shape))
+        above, equal = self.compare(product, limit, "greater"), self.compare(product, limit, "equal")
+        half = self.where(equal, self.scaled(y, 0.5), self.constant(x, np.zeros(x.shape)))
+        found = self.where(above, y, half)
+        rounded = 0 if y.secret else np.abs(y.value) * self.unit**2 + self.unit
+        return replace(found, error=found.error + rounded + self.truncation)
+
+    def product_beside_its_maximum(self, x, y, z, name):
+        product = self.mul(x, y)
+        self.maximum(product, z)  # it is within range
+        above = self.compare(z, product, "greater")
+        known = {"less": False, "greater_equal": True}
+        value = {
+            "greater": above.value,
+            "not_equal": above.value,
+            "less_equal": ~above.value,
+            "equal": ~above.value,
+        }.get(name, np.full(product.shape, known.get(name)))
+        return replace(above, value=value, error=above.error * (name not in known))
+
+    def largest_product(self, x, y):
+        product = self.mul(x, y)
+        largest = self.max(product, None)
+        chosen = self.compare(product, largest, "equal")
+        return self.where(chosen, product, self.constant(x, np.zeros(())))
