@@ -8,11 +8,15 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import jax
-from jax._src import source_info_util
+import numpy as np
+from jax._src import core, dtypes, source_info_util, tree_util
 from jax._src.core import trace_ctx
+from jax._src.interpreters import mlir, pxla
 from jax._src.interpreters.batching import BatchTracer
 from jax._src.interpreters.partial_eval import DynamicJaxprTracer
+from jax._src.random import prng
 from jax._src.shard_map import ShardMapTrace
+from jax._src.sharding_impls import physical_sharding
 
 # JAX keeps `Tracer` for `isinstance`: whether a value is known while tracing.
 from jax.core import Tracer
@@ -35,6 +39,7 @@ __all__ = [
     "JaxprEqn",
     "Literal",
     "Primitive",
+    "Sealed",
     "Tracer",
     "bind",
     "frames",
@@ -152,3 +157,90 @@ def origins(x: Tracer) -> list[Any] | None:
         return []
     constants = x._trace.frame.constvar_to_val
     return [constants[x.val]] if x.val in constants else None
+
+
+def _no_numbers(*_: Any) -> Any:
+    raise TypeError("the seal of a Secret is no random key")
+
+
+class _SealType(prng.KeyTy):
+    """Of no numbers: JAX moves arrays of it, as it does with those of random keys, and computes with none."""
+
+    class type(dtypes.extended):
+        pass
+
+    class _rules(prng.KeyTyRules):
+        @staticmethod
+        def full(shape: tuple[int, ...], *_: Any) -> "Sealed":
+            return Sealed(shape)
+
+        @staticmethod
+        def result_handler(*_: Any) -> Any:
+            return lambda _, words: Sealed.holding(words)
+
+        @staticmethod
+        def global_sharded_result_handler(aval: Any, sharding: Any, committed: bool) -> Any:
+            of_words = pxla.global_result_handlers[core.ShapedArray]
+            words = of_words(core.physical_aval(aval), physical_sharding(aval, sharding), committed)
+            return words.wrap(Sealed.holding)
+
+        @staticmethod
+        def make_sharded_array(aval: Any, *_: Any) -> "Sealed":
+            return Sealed(aval.shape)
+
+    def __init__(self):
+        super().__init__(prng.PRNGImpl((1,), *[_no_numbers] * 4, name="seal", tag="seal"))
+
+    @property
+    def name(self) -> str:
+        return "seal"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _SealType)
+
+    def __hash__(self) -> int:
+        return hash(_SealType)
+
+
+class Sealed(prng.PRNGKeyArray):
+    """An array without bytes of a dtype of its own, `seal`, that can be moved and not computed with. JAX
+    dispatches it as fast as numbers.
+    """
+
+    _dtype = _SealType()
+
+    def __init__(self, shape: tuple[int, ...]):
+        super().__init__(self._dtype._impl, np.zeros((*shape, 1), np.uint32))
+
+    @classmethod
+    def holding(cls, words: Any) -> "Sealed":
+        """What JAX represents by these words."""
+        sealed = cls.__new__(cls)
+        sealed._impl, sealed._consumed, sealed._base_array = cls._dtype._impl, False, words
+        return sealed
+
+    @property
+    def dtype(self) -> Any:
+        return self._dtype
+
+    @property
+    def aval(self) -> Any:
+        aval = core.ShapedArray(self.shape, self._dtype)
+        return core.update_aval_with_sharding(aval, self.sharding, mat=self._base_array.aval.mat)
+
+    def __init_subclass__(cls):
+        _register(cls)
+
+
+def _register(cls: type[Sealed]) -> None:
+    """As JAX registers the class of its keys."""
+    core.pytype_aval_mappings[cls] = core.pytype_aval_mappings[prng.PRNGKeyArray]
+    dtypes.register_canonicalize_value_handler(cls, None)
+    pxla.shard_arg_handlers[cls] = pxla.shard_arg_handlers[prng.PRNGKeyArray]
+    mlir.register_constant_handler(cls, prng.key_array_constant_handler)
+    tree_util.dispatch_registry.register_node(
+        cls, lambda x: ((x._base_array,), None), lambda _, words: cls.holding(*words)
+    )
+
+
+_register(Sealed)

@@ -43,7 +43,7 @@ class Secret:
     keep them in files, stack them in front, fill them with zeros, select among them, and index the axes
     behind the party axis. What else moves the party axis raises ValueError, and arithmetic TypeError. Not
     seen are `jnp.ones_like` and `full_like`, which fill the shares and not the value, and a collective over a
-    vmapped axis, `lax.pmax`. Where a library's checkpoints do not take `float0`, keep `x.shares`.
+    vmapped axis, `lax.pmax`. Where a library's checkpoints do not take the seal's dtype, keep `x.shares`.
     """
 
     shares: UInt64[Array, "p ..."]
@@ -65,14 +65,14 @@ class Secret:
 
     def tree_flatten_with_keys(self) -> tuple[Any, Any]:
         name = jax.tree_util.GetAttrKey
-        children = ((name("shares"), self.shares), (name("seal"), seal(self.shares, self.stacked)))
+        children = ((name("shares"), self.shares), (name("seal"), seal(self.shares, self.rank)))
         return children, (self.frac_bits, self.dtype, self.rank, self.parties)
 
     @classmethod
     def tree_unflatten(cls, aux: Any, children: Any) -> "Secret":
         shares, found = children
         secret = cls(shares, *aux)
-        require_moved_along(shares, found, secret.stacked, secret.parties)
+        require_moved_along(shares, found, secret.rank, secret.parties)
         return secret
 
     @property

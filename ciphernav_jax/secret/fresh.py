@@ -60,10 +60,12 @@ def of_each_entry(key: Array, hidden: Any, what: str) -> Array:
     """
     if shape := keys.typed(key).shape:
         raise ValueError(f"one key is needed, not an array of {shape}: take one, or vmap over them")
-    # Without the seals of secrets (`secret.seal`), which are not mapped along.
-    return _guard(what)(
-        key, [x for x in jax.tree.leaves(hidden) if getattr(x, "dtype", None) != jax.dtypes.float0]
-    )
+    return _guard(what)(key, _arrays(hidden))
+
+
+def _arrays(hidden: Any) -> list[Any]:
+    """All arrays but the seals of secrets, which hide nothing and are not mapped along (`secret.seal`)."""
+    return [x for x in jax.tree.leaves(hidden) if not isinstance(x, jax_private.Sealed)]
 
 
 @cache
@@ -166,7 +168,7 @@ def of_each_call(key: Array, hidden: Any, what: str, *, where: str = "", how: An
         where: for which of its uses the key is, where it has several.
         how: hashable; what else decides what is hidden.
     """
-    leaves = jax.tree.leaves(hidden)
+    leaves = _arrays(hidden)
     traced = any(isinstance(x, Tracer) for x in (key, *leaves))
     with jax.ensure_compile_time_eval():
         name = id(key) if isinstance(key, Tracer) else np.asarray(keys.words(keys.typed(key))).tobytes()

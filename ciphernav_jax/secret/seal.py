@@ -1,19 +1,19 @@
 """What `jax.tree.map` and its like may do with the shares of a `Secret`: the seal beside them tells.
 
-A `Secret` has two leaves, its shares and a seal: an array of JAX's dtype `float0`, with which neither JAX nor
-numpy compute. It has the shares' shape, but for the party axis, which is 0. Whatever moves the entries of
-the shares moves the seal along; so it shows where the party axis went. The seal has no bytes, and the
-compiler removes it. What it costs is dispatch: JAX takes no call with `float0` by its fast path, so that
-short steps belong together in one `lax.scan`.
+A `Secret` has two leaves, its shares and a seal: an array of a dtype of its own, `seal`, with which
+neither JAX nor numpy compute. It has the shares' shape, but for the party axis, which is 0. Whatever moves
+the entries of the shares moves the seal along; so it shows where the party axis went. The seal has no bytes,
+and the compiler removes it.
 """
 
+from functools import lru_cache
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ciphernav_jax.jax_private import Tracer
+from ciphernav_jax.jax_private import Sealed, Tracer
 
 INSTEAD = (
     "Compute on the value: secure(lambda x, y: jax.tree.map(lambda a, b: a - 0.1 * b, x, y))(key, x, y)."
@@ -31,17 +31,28 @@ _MOVED = (
     "Index the Secret itself, x[2:4]; stack and concatenate within secure(f); have vmap stack what comes "
     "out in front, out_axes=0."
 )
-# Of numpy, what changes entries and computes nothing that `float0` could refuse.
+# Of numpy, what changes entries and computes nothing that could be refused.
 _CHANGES = {np.ones_like, np.full_like, np.empty_like, np.sort, np.partition, np.tril, np.triu}
+_COMPUTES = """
+    __add__ __radd__ __sub__ __rsub__ __mul__ __rmul__ __truediv__ __rtruediv__ __floordiv__ __rfloordiv__
+    __mod__ __rmod__ __divmod__ __rdivmod__ __pow__ __rpow__ __matmul__ __rmatmul__ __and__ __rand__ __or__
+    __ror__ __xor__ __rxor__ __lshift__ __rlshift__ __rshift__ __rrshift__ __lt__ __le__ __gt__ __ge__
+    __neg__ __pos__ __abs__ __invert__ __round__
+    all any argmax argmin argpartition argsort clip conj cumprod cumsum dot max mean min prod ptp round
+    searchsorted sort std sum trace var view byteswap fill partition put
+"""
 
 
-class Seal(np.ndarray):
-    """An array of `float0` that refuses to be computed with, and can be moved.
+class Seal(Sealed):
+    """An array that refuses to be computed with, and can be moved.
 
     Raises:
         TypeError: it meets an operator, or a function of numpy that computes. Functions of JAX raise errors
-            of their own, which name `float0`.
+            of their own, which name `seal`.
     """
+
+    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+        return np.zeros(self.shape, jax.dtypes.float0)  # which numpy can move as well, and nothing else
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **_: Any) -> Any:
         # Leaves are compared one by one where the bits of two results should be the same.
@@ -49,71 +60,91 @@ class Seal(np.ndarray):
             return np.full(np.broadcast_shapes(*map(np.shape, inputs)), ufunc is np.equal)
         raise TypeError(_REFUSAL.format(what=f"{ufunc.__name__}(...)"))
 
-    def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
+    def __array_function__(self, func: Any, _: Any, args: Any, kwargs: Any) -> Any:
         if func in _CHANGES:
             raise TypeError(_REFUSAL.format(what=f"{func.__name__}(...)"))
-        return super().__array_function__(func, types, args, kwargs)
-
-    def __getattr__(self, name: str) -> Any:
-        # What a JAX array has and a numpy array has not, `at` for one.
-        raise AttributeError(_REFUSAL.format(what=f".{name}"))
+        args, kwargs = jax.tree.map(lambda x: np.asarray(x) if isinstance(x, Seal) else x, (args, kwargs))
+        return func(*args, **kwargs)
 
     def __getitem__(self, index: Any) -> Any:
         try:
             if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(index)):
                 return _of_shape(jax.eval_shape(lambda: jnp.zeros(self.shape, bool)[index]).shape)
-            return super().__getitem__(index)
+            return _of_shape(np.zeros(self.shape, bool)[index].shape)
         except (IndexError, TypeError):  # the second from JAX
             raise IndexError(_MOVED.format(what=f"an index, {index},")) from None
 
-    def _refused(self: Any, *_: Any, **__: Any) -> Any:
-        raise TypeError(_REFUSAL.format(what="something"))
-
-    sort = partition = byteswap = fill = put = _refused  # pyright: ignore[reportAssignmentType]
+    @property
+    def at(self) -> Any:
+        raise AttributeError(_REFUSAL.format(what=".at"))
 
     def astype(self, dtype: Any, *_: Any, **__: Any) -> "Seal":
         if dtype in (np.uint64, self.dtype):
             return self
         raise TypeError(_REFUSAL.format(what=f".astype({np.dtype(dtype).name})"))
 
-    def block_until_ready(self) -> "Seal":
+    def copy(self, *_: Any) -> "Seal":
         return self
+
+    def __reduce__(self) -> Any:
+        return Seal, (self.shape,)
+
+
+def _refuses(name: str) -> None:
+    def refused(self: Seal, *_: Any, **__: Any) -> Any:
+        raise TypeError(_REFUSAL.format(what=f".{name}(...)"))
+
+    setattr(Seal, name, refused)
+
+
+for _name in _COMPUTES.split():
+    _refuses(_name)
+
+_kept = lru_cache(1024)(Seal)
 
 
 def _of_shape(shape: tuple[int, ...]) -> Seal:
-    return np.zeros(shape, jax.dtypes.float0).view(Seal)
+    if _kept(shape).is_deleted():  # it was donated to a call
+        _kept.cache_clear()
+    return _kept(shape)
 
 
-def seal(shares: Any, stacked: int) -> Any:
-    """The seal of shares with so many axes in front of the party axis; what stands in place of an array (an
-    axis, a sharding) is its own.
+def seal(shares: Any, rank: int) -> Any:
+    """The seal of shares whose value has so many axes: the party axis is the one before them. What stands
+    in place of an array (an axis, a sharding) is its own.
     """
-    return _of_shape(_shape(shares, stacked)) if is_array(shares) else shares
+    if not is_array(shares):
+        return shares
+    shape = shares.shape
+    return _of_shape(_without_parties(shape, len(shape) - 1 - rank))
 
 
-def _shape(shares: Any, stacked: int) -> tuple[int, ...]:
-    return tuple(0 if axis == stacked else size for axis, size in enumerate(shares.shape))
+def _without_parties(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
+    return (*shape[:axis], 0, *shape[axis + 1 :]) if axis >= 0 else shape
 
 
-def require_moved_along(shares: Any, found: Any, stacked: int, parties: int) -> None:
+def require_moved_along(shares: Any, found: Any, rank: int, parties: int) -> None:
     """Raises ValueError where shares were moved in a way by which the party axis is not where it was, or
     does not have the same parties.
 
     Args:
         found: what became of the seal.
-        stacked: how many axes the shares have now in front of the party axis.
+        rank: how many axes the value has, behind the party axis.
     """
     if not (is_array(shares) and is_array(found)):
         return
-    if stacked < 0:
+    shape = shares.shape
+    axis = len(shape) - 1 - rank
+    if axis < 0:
         raise ValueError(LOST)
-    there = shares.shape[stacked]
-    if there != parties:
-        raise ValueError(_MOVED.format(what=f"what made {there} rows of those of {parties} parties"))
-    if found.shape != _shape(shares, stacked):
+    if shape[axis] != parties:
+        raise ValueError(_MOVED.format(what=f"what made {shape[axis]} rows of those of {parties} parties"))
+    if found.shape != _without_parties(shape, axis):
         raise ValueError(_MOVED.format(what="something"))
 
 
 def is_array(x: Any) -> bool:
     """Whether it is an array of any kind, traced or abstract, and no placeholder."""
-    return hasattr(x, "shape") and hasattr(x, "dtype") and not isinstance(x, type)
+    return isinstance(x, jax.Array) or (
+        hasattr(x, "shape") and hasattr(x, "dtype") and not isinstance(x, type)
+    )

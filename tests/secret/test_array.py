@@ -152,8 +152,42 @@ def test_arithmetic_on_the_shares_by_tree_map_is_refused(name, trace):
 
 @pytest.mark.parametrize("f", [jnp.add, jnp.multiply, jax.lax.mul, jnp.matmul, jnp.maximum, jnp.dot])
 def test_arithmetic_of_jax_on_the_shares_is_refused_by_jax(f):
-    with pytest.raises((TypeError, AssertionError), match="float0"):
+    with pytest.raises((TypeError, AssertionError), match="seal"):
         jax.tree.map(f, X, X)
+
+
+def test_what_else_looks_at_the_shares_and_not_at_the_value_is_refused():
+    with pytest.raises(ValueError, match="ui32"):  # JAX's own, of the seal
+        jax.tree.map(lambda a: jax.lax.top_k(a, 1)[0], X)
+    with pytest.raises(AttributeError, match=r"tree\.map"):
+        jax.tree.map(lambda a, b: a.at[:1].set(b[:1]), X, X)
+
+
+def test_a_secret_may_be_donated():
+    again = jax.jit(lambda x, y: (y, x), donate_argnums=(0, 1))
+    x, y = (jax.tree.map(jnp.copy, X) for _ in range(2))
+    for _ in range(3):
+        x, y = again(x, y)
+        (x,) = jax.jit(lambda *leaves: [jax.tree.unflatten(jax.tree.structure(X), leaves)], donate_argnums=0)(
+            *jax.tree.leaves(x)
+        )
+    for each in (x, y, X, jax.tree.map(jnp.copy, X)):
+        np.testing.assert_array_equal(cn.reveal(jax.jit(lambda x: x)(each)), [[1, 2], [3, 4]])
+
+
+def test_jax_looks_for_keys_used_twice():
+    with jax.debug_key_reuse(True):
+        double = cn.secure(lambda x: 2 * x)
+        for f in (double, jax.jit(double)):
+            np.testing.assert_array_equal(cn.reveal(f(jax.random.key(8), X)), [[2, 4], [6, 8]])
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))], ids=["deepcopy", "pickle"]
+)
+def test_a_secret_and_its_leaves_are_copied(copied):
+    for x in (copied(X), jax.tree.unflatten(jax.tree.structure(X), copied(jax.tree.leaves(X)))):
+        np.testing.assert_array_equal(cn.reveal(x), [[1, 2], [3, 4]])
 
 
 def _through_a_file(x):
