@@ -214,26 +214,34 @@ def _times_float(x: Value, constant: np.ndarray) -> Value:
     protocol, most = x.context.protocol, np.max(np.abs(constant), initial=0.0)
     room = 62 - protocol.frac_bits
     cut = next(s for s in itertools.count() if -(-x.bound >> s) < 2**room)
-    if cut:
-        # No room for the constant's bits: the first bits of x by themselves.
-        high = x.truncated(x.frac_bits - cut)
-        product = _times_float(high, constant)
-        if most * 2.0 ** (cut + protocol.frac_bits - x.frac_bits) <= 2:
-            return product  # the others are below the resolution of the result
-        rest = x.add(high.lifted(x.frac_bits).negated())
-        low = Value(x.context, x.frac_bits, lax.axis_size(AXIS) << cut, share=rest.share)
-        return _sum([product, _times_float(low, constant)])
+    if not cut:
+        return _times_limbs(x, constant)[0]
+    # No room for the constant's bits: the first bits of x by themselves.
+    high = x.truncated(x.frac_bits - cut)
+    product, encoded = _times_limbs(high, constant)
+    if most * 2.0 ** (cut + protocol.frac_bits - x.frac_bits) <= 1:
+        return product  # the others are below the resolution of the result
+    # By the same factor, of which the error else counts as often as there is something to cancel.
+    rest = x.add(high.lifted(x.frac_bits).negated())
+    low = Value(x.context, x.frac_bits, lax.axis_size(AXIS) << cut, share=rest.share)
+    return _sum([product, _times_limbs(low, encoded)[0]])
+
+
+def _times_limbs(x: Value, constant: np.ndarray) -> tuple[Value, np.ndarray]:
+    """A value with room for a constant's bits times it, and the constant as it is encoded."""
+    most = np.max(np.abs(constant), initial=0.0)
     bits, finest = min(62 - x.bound.bit_length(), 53), _useful_bits(x)
     first = min(bits - int(np.ceil(np.log2(most))), finest) if most else finest
     if x.bound * int(np.round(np.ldexp(most, first))) > x.most(x.frac_bits + first):
         first -= 1
-    products = []
+    products, encoded = [], np.zeros(constant.shape)
     for m, e in _limbs(constant, first, bits, finest):
         if np.any(m) or not products:
             product = _times_integers(x, m, e)
             assert product is not None
             products.append(product)
-    return _sum(products)
+            encoded = encoded + np.ldexp(m, -e)
+    return _sum(products), encoded
 
 
 # --- numbers that only the run knows ----------------------------------------------------------------

@@ -446,3 +446,19 @@ def test_a_product_is_what_its_maximum_is_made_of():
     for got, exact in zip(results, extremes_and_slopes(a, b), strict=True):
         assert np.any(exact != 0)
         np.testing.assert_allclose(got, exact, atol=2.0**-14)
+
+
+@pytest.mark.parametrize("truncation", ["probabilistic", "nearest", "floor", "wrap-count"])
+def test_a_small_value_that_might_be_large_is_scaled_as_precisely(truncation):
+    """It is split into the first bits and the others, which nearly cancel: -0.01 is -1 and 0.99."""
+    protocol = cn.Protocol(truncation=truncation, comparison="ideal")
+    x = np.random.default_rng(5).uniform(-0.02, 0.02, 2000)
+    shared = cn.share(jax.random.key(0), np.zeros(2000), parties=3, protocol=protocol)
+    unit = 2.0**-20 * (3 if truncation == "wrap-count" else 1)
+    large = 1.0 if truncation == "wrap-count" else 7e3  # it fails the more often, the larger the product
+    for c in (17.3, 17.3 * large, np.resize([-12.7 * large, 0.7, 1e-3, 100.5], 2000)):
+        step = cn.secure(lambda z, x, c=c: (z + x) * c, protocol=protocol)
+        got = cn.reveal(step(jax.random.key(1), shared, x))
+        x_shared = np.round(x * 2**20) / 2**20
+        bound = np.abs(x_shared * c) * 2.0**-20 + (9 if np.ndim(c) else 3) * unit + 2.0**-21
+        assert np.all(np.abs(got - x_shared * c) <= bound)

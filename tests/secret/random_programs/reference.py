@@ -5,8 +5,8 @@ The bounds are derived from what the documentation promises:
 - a product or a contraction is truncated once: an error of one unit of the last place (P units for
   "wrap-count"), beside what the errors of its factors make of it;
 - a constant has a relative error of 2^-f in each entry, or of half a unit in the product where that is
-  more, and takes one truncation, three where it is of several magnitudes or multiplies a large sum, twelve
-  where both; a public number of the run an absolute error of 2^-(2f + 1), and two truncations;
+  more, and takes one truncation, three where it multiplies a large sum, and up to 6 where it is of several
+  magnitudes, 10 where both; a public number of the run an absolute error of 2^-(2f + 1), and two truncations;
 - in a contraction with a constant, an error of 2^-(f + 1) for each term, or of half a unit in all;
 - sums, moves, maxima and selections add nothing;
 - comparisons are exact unless the difference lies within the error of what is compared; then any answer is
@@ -19,6 +19,7 @@ program must come out right.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -61,6 +62,13 @@ class Bounded:
 
     def moved(self, move: Callable[[np.ndarray], np.ndarray]) -> "Bounded":
         return replace(self, value=np.asarray(move(self.value)), error=np.asarray(move(self.error)))
+
+
+def _exactly(total: Callable[..., Any], x: Bounded, **how: Any) -> np.ndarray:
+    """Sums of multiples of the resolution, where float64 would round after each of a million entries."""
+    if x.kind != "float":
+        return total(x.value, **how)
+    return np.asarray(total(x.value.astype(np.longdouble), **how), np.float64)
 
 
 class Reference:
@@ -173,7 +181,8 @@ class Reference:
         value = x.value * c
         error = np.abs(c) * x.error + np.maximum(np.abs(value) * self.unit, self.unit / 2)
         mixed, large = mixed or c.size > 1, x.count > 1
-        truncations = 12 if mixed and large else 3 if mixed or large else 1
+        limbs = 10 - self.f // 4  # as `scaling._times_float` says
+        truncations = (limbs + 4 if mixed else 3) if large else limbs if mixed else 1
         return self._made(value, error + truncations * self.truncation, x.dtype, count=x.count)
 
     def divided(self, x, c, mixed=False):
@@ -255,7 +264,7 @@ class Reference:
     # --- reductions ---
 
     def sum(self, x, axis):
-        value = np.sum(x.value, axis=axis)
+        value = _exactly(np.sum, x, axis=axis)
         count = x.count * x.value.size / max(np.asarray(value).size, 1)
         fuzz = (
             np.sum(np.abs(x.value), axis=axis) * FLOAT_ERROR if x.kind == "float" and np.any(x.error) else 0.0
@@ -276,7 +285,7 @@ class Reference:
         return self.mean(self.square(self.sub(x, mean)), axis)
 
     def cumsum(self, x):
-        value = np.cumsum(x.value, axis=0, dtype=x.value.dtype)
+        value = _exactly(np.cumsum, x, axis=0, dtype=None if x.kind == "float" else x.value.dtype)
         return self._made(
             value, self._wrapping(x, x, np.cumsum(x.error, axis=0)), x.dtype, count=x.count * len(x.value)
         )
