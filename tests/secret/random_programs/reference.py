@@ -383,8 +383,9 @@ class Reference:
         return self.joined(y.moved(lambda v: np.broadcast_to(v, (1, *x.shape[1:]))), x.moved(lambda v: v[1:]))
 
     def put_sum(self, x, y):
-        first = x.moved(lambda v: v[0])
-        return self.put(x, self.add(first, self.sum(replace(y, dtype=x.dtype), 0)))
+        first, total = x.moved(lambda v: v[0]), self.sum(y, 0)
+        total = replace(total, value=total.value.astype(x.value.dtype), dtype=x.dtype)  # numpy's is int64
+        return self.put(x, self.add(first, total))
 
     def slice_at(self, x, i):
         return x.moved(lambda v: v[min(int(i.value), len(v) - 1)])  # as JAX: the last where there is none
