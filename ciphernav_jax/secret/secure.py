@@ -311,6 +311,8 @@ def _evaluate_secret(context: Context, eqn: JaxprEqn, operands: list[Any]) -> li
         witness.at(name, context.place)
     result = _apply_rule(context, eqn, operands)
     results = list(result) if eqn.primitive.multiple_results else [result]
+    # Of arrays without axes numpy makes numbers, which would not count as known.
+    results = [np.asarray(x) if isinstance(x, np.generic) else x for x in results]
     for poisoned in [x.poisoned for x in operands if isinstance(x, Value) and x.poisoned is not None]:
         if name in MOVES:
             for x in results:

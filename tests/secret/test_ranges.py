@@ -462,3 +462,23 @@ def test_a_small_value_that_might_be_large_is_scaled_as_precisely(truncation):
         x_shared = np.round(x * 2**20) / 2**20
         bound = np.abs(x_shared * c) * 2.0**-20 + (9 if np.ndim(c) else 3) * unit + 2.0**-21
         assert np.all(np.abs(got - x_shared * c) <= bound)
+
+
+@pytest.mark.parametrize("shape", [(), (1,)])
+def test_what_holds_of_every_secret_is_a_constant(shape):
+    """Whose quotient may be as large as a result; that by a number of the run, a product, may not."""
+    n, x = np.full(shape, 205.0), np.array([-20180.0, 3.0])
+    known = [
+        lambda n: n <= n,
+        lambda n: n == n,
+        lambda n: ~(jnp.maximum(n, 3.0) < n),
+        jnp.isfinite,
+        lambda n: n < 1e30,
+    ]
+
+    def quotients(n, x):
+        return [x / jnp.where(f(n), 7e-4, 1.0) for f in known]
+
+    shared = cn.share(jax.random.key(0), (n, x), parties=2)
+    got = cn.reveal(cn.secure(quotients)(jax.random.key(1), *shared))
+    np.testing.assert_allclose(got, [x / 7e-4] * len(known), rtol=2.0**-19)
