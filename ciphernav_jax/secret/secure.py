@@ -310,13 +310,14 @@ def _evaluate_secret(context: Context, eqn: JaxprEqn, operands: list[Any]) -> li
     if witness:
         witness.at(name, context.place)
     result = _apply_rule(context, eqn, operands)
-    results = list(result) if eqn.primitive.multiple_results else [result]
+    of_rule = list(result) if eqn.primitive.multiple_results else [result]
     # Of arrays without axes numpy makes numbers, which would not count as known.
-    results = [np.asarray(x) if isinstance(x, np.generic) else x for x in results]
+    results: list[Any] = [np.asarray(x) if isinstance(x, np.generic) else x for x in of_rule]
     for poisoned in [x.poisoned for x in operands if isinstance(x, Value) and x.poisoned is not None]:
         if name in MOVES:
             for x in results:
-                x.poisoned = poisoned if x.poisoned is None else poisoned | x.poisoned
+                if isinstance(x, Value):  # and not what a constant chose beside it
+                    x.poisoned = poisoned if x.poisoned is None else poisoned | x.poisoned
         else:
             context.find(f"`{name}` computes with what was read at an index out of range: NaN", poisoned)
     if witness and name not in LOOPS:  # the equations of the bodies have told it

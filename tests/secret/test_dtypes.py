@@ -94,6 +94,12 @@ def test_what_is_computed_with_an_entry_out_of_range_is_no_number(f):
     np.testing.assert_allclose(cn.reveal(step(key, x, inside)[0]), f(FLOATS[inside]), atol=2.0**-19)
 
 
+def test_what_a_constant_chooses_beside_an_entry_out_of_range_is_itself():
+    x = cn.share(jax.random.key(0), FLOATS, parties=2)
+    step = cn.secure(lambda x, i: jnp.where(np.array([False]), jnp.take(x, i), 7.0))
+    np.testing.assert_array_equal(cn.reveal(step(jax.random.key(1), x, np.array([0, 9]))), [7.0, 7.0])
+
+
 @pytest.mark.parametrize("f", [lambda v: 2 * v, lambda v: v, lambda v: jnp.ones_like(v)])
 def test_apply_is_refused_with_what_to_write(f):
     x = cn.share(jax.random.key(0), FLOATS, parties=2)
