@@ -482,3 +482,19 @@ def test_what_holds_of_every_secret_is_a_constant(shape):
     shared = cn.share(jax.random.key(0), (n, x), parties=2)
     got = cn.reveal(cn.secure(quotients)(jax.random.key(1), *shared))
     np.testing.assert_allclose(got, [x / 7e-4] * len(known), rtol=2.0**-19)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda x: jnp.max(x + np.array([-1e9, 0.0])),
+        lambda x: jnp.max(jnp.where(x > 0, x, -np.inf)),
+        lambda x: jnp.maximum(x, -1e9),
+        lambda x: x > 100.0,
+    ],
+)
+def test_what_range_bits_leave_no_room_for_is_refused(function):
+    protocol = cn.Protocol(range_bits=4)
+    x = cn.share(jax.random.key(0), np.array([0.5, -3.0]), parties=2, protocol=protocol)
+    with pytest.raises(ValueError, match=r"range_bits=None with masks.*test_ranges"):
+        cn.secure(function, protocol=protocol)(jax.random.key(1), x)

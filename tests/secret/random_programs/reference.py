@@ -313,6 +313,8 @@ class Reference:
         return self.argmax(self.neg(x), axis)
 
     def masked_max(self, x, hidden, mask):
+        if self.compared < self.most:
+            raise Outside  # a mask is refused with `range_bits`
         shown = replace(
             x, value=np.where(hidden, -self.compared, x.value), error=np.where(hidden, 0, x.error)
         )
