@@ -419,6 +419,8 @@ EXTREMES = {
     "equal to its extremes": lambda v: (
         jnp.where(jnp.maximum(v, 0.1) == v, v, 0.0) + jnp.where(jnp.minimum(v, 0.2) != v, 2.0, 0.0)
     ),
+}
+ORDERS = {
     "in order with its extremes": lambda v: (
         jnp.where(jnp.maximum(v, 0.1) >= v, v, 0.0)
         + jnp.where(jnp.minimum(v, 0.2) > v, 2.0, 0.0)
@@ -430,20 +432,30 @@ EXTREMES = {
 }
 
 
-def extremes_and_slopes(a, b):
-    def slope(f):
+def with_slopes(functions):
+    def slope(f, a, b):
         return jax.grad(lambda a: jnp.sum(f(a * b) ** 2))(a)
 
-    return [slope(f) for f in EXTREMES.values()] + [f(a * b) for f in EXTREMES.values()]
+    return lambda a, b: [slope(f, a, b) for f in functions.values()] + [f(a * b) for f in functions.values()]
 
 
-def test_a_product_is_what_its_maximum_is_made_of():
+# Orders with the comparison that costs least: it is decided what is compared, not how.
+@pytest.mark.parametrize(
+    ("functions", "parties", "protocol"),
+    [
+        (EXTREMES, 2, cn.Protocol()),
+        (EXTREMES, 3, cn.Protocol()),
+        (ORDERS, 3, cn.Protocol(comparison="ideal")),
+    ],
+    ids=["extremes, 2", "extremes, 3", "orders"],
+)
+def test_a_product_is_what_its_maximum_is_made_of(functions, parties, protocol):
     """JAX's derivative asks where a maximum equals its operand; the one is truncated, the other is not."""
     a, b = np.random.default_rng(3).uniform(-2, 2, (2, 2, 3))
-    quick = cn.Protocol(comparison="ideal")
-    shared = cn.share(jax.random.key(0), (a, b), parties=3, protocol=quick)
-    results = cn.reveal(cn.secure(extremes_and_slopes, protocol=quick)(jax.random.key(1), *shared))
-    for got, exact in zip(results, extremes_and_slopes(a, b), strict=True):
+    shared = cn.share(jax.random.key(0), (a, b), parties=parties, protocol=protocol)
+    function = with_slopes(functions)
+    results = cn.reveal(cn.secure(function, protocol=protocol)(jax.random.key(1), *shared))
+    for got, exact in zip(results, function(a, b), strict=True):
         assert np.any(exact != 0)
         np.testing.assert_allclose(got, exact, atol=2.0**-14)
 
