@@ -90,8 +90,11 @@ class Reference:
         value, error = np.asarray(value), np.asarray(error, np.float64)
         if np.dtype(dtype).kind == "f":
             value = np.asarray(value, np.float64)
-            # An exact sum is exact in float64 too, up to 2^53 units.
-            error = error + np.where(np.abs(value) < 2.0**52 * self.unit, 0, np.abs(value) * FLOAT_ERROR)
+            # An exact sum of exact values is exact in float64 too, up to 2^53 units. A product has more bits
+            # than its unit, and is rounded: see v - (v + c).
+            rounding = np.where(error > 0, 2.0**-53, 0)
+            rounding = np.where(np.abs(value) < 2.0**52 * self.unit, rounding, FLOAT_ERROR)
+            error = error + np.abs(value) * rounding
             if not np.all(np.abs(value) + error <= (within or self.most)):
                 raise Outside
         return Bounded(value, np.broadcast_to(error, value.shape), np.dtype(dtype), count=count)
