@@ -4,6 +4,7 @@ alone, for the oldest JAX that is supported and the newest.
 A test reads the sources for strays.
 """
 
+import weakref
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -50,6 +51,7 @@ __all__ = [
     "origins",
     "place",
     "scan_parts",
+    "sealed_by",
     "side_effects",
     "trace_of",
     "traced_for",
@@ -230,6 +232,46 @@ class Sealed(prng.PRNGKeyArray):
 
     def __init_subclass__(cls):
         _register(cls)
+
+
+def sealed_by(x: Any) -> set[str]:
+    """The primitives that a traced seal, and the seals that it was made of, came out of, in the trace and in
+    functions that it calls; as far as anybody knows.
+    """
+    found: set[str] = set()
+    seen: set[int] = set()
+    left = [x]
+    while left:
+        x = left.pop()
+        if id(x) in seen or not _is_seal(getattr(x, "aval", None)):
+            continue
+        seen.add(id(x))
+        if isinstance(x, BatchTracer):
+            left.append(x.val)
+        elif isinstance(x, DynamicJaxprTracer) and x.parent is not None:
+            found |= _sealing(x.parent)
+            left += x.parent.in_tracers
+    return found
+
+
+def _is_seal(aval: Any) -> bool:
+    return isinstance(getattr(aval, "dtype", None), _SealType)
+
+
+def _sealing(eqn: Any) -> set[str]:
+    """The primitives that make seals in an equation."""
+    inner = list(core.jaxprs_in_params(eqn.params))
+    return set().union(*map(_made, inner)) if inner else {eqn.primitive.name}
+
+
+def _made(jaxpr: Jaxpr) -> set[str]:
+    if jaxpr not in _made_in:
+        sealing = [eqn for eqn in jaxpr.eqns if any(_is_seal(v.aval) for v in eqn.outvars)]
+        _made_in[jaxpr] = set().union(*map(_sealing, sealing))
+    return _made_in[jaxpr]
+
+
+_made_in: "weakref.WeakKeyDictionary[Jaxpr, set[str]]" = weakref.WeakKeyDictionary()
 
 
 def _register(cls: type[Sealed]) -> None:

@@ -41,9 +41,10 @@ class Secret:
 
     `jax.tree.map` goes over the shares, and over a seal that moves along (`secret.seal`). It may copy them,
     keep them in files, stack them in front, fill them with zeros, select among them, and index the axes
-    behind the party axis. What else moves the party axis raises ValueError, and arithmetic TypeError. Not
-    seen are `jnp.ones_like` and `full_like`, which fill the shares and not the value, and a collective over a
-    vmapped axis, `lax.pmax`. Where a library's checkpoints do not take the seal's dtype, keep `x.shares`.
+    behind the party axis. What else moves the party axis raises ValueError, and arithmetic and sorting
+    TypeError. Not seen are `jnp.ones_like` and `full_like`, which fill the shares and not the value, and a
+    collective over a vmapped axis, `lax.pmax`. Where a library's checkpoints do not take the seal's dtype,
+    keep `x.shares`.
     """
 
     shares: UInt64[Array, "p ..."]
@@ -248,7 +249,8 @@ def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> S
     if jnp.issubdtype(values.dtype, jax.dtypes.extended):
         raise TypeError(f"cannot share an array of dtype {values.dtype}; share floats, integers or bools")
     dtype = np.dtype(jax.dtypes.canonicalize_dtype(values.dtype))
-    if not (jnp.issubdtype(dtype, np.floating) or jnp.issubdtype(dtype, np.integer) or dtype.kind == "b"):
+    # Floats of JAX's own (bfloat16) have a kind of their own, as have integers of 4 bits.
+    if not (jnp.issubdtype(dtype, np.floating) or dtype.kind in "iub"):
         raise TypeError(f"cannot share an array of dtype {dtype}; share floats, integers or bools")
     real = jnp.issubdtype(dtype, np.floating)
     frac_bits = protocol.frac_bits if real else 0

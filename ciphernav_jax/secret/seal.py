@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ciphernav_jax import jax_private
 from ciphernav_jax.jax_private import Sealed, Tracer
 
 INSTEAD = (
@@ -31,6 +32,14 @@ _MOVED = (
     "Index the Secret itself, x[2:4]; stack and concatenate within secure(f); have vmap stack what comes "
     "out in front, out_axes=0."
 )
+# The primitives of JAX that move entries, between devices as well. Others may be refused only as they are
+# compiled, which nothing is that leaves no trace in a result.
+_MOVES = """
+    all_gather all_gather_invariant all_to_all broadcast_in_dim concatenate copy copy_p device_put
+    dynamic_slice dynamic_update_slice gather mesh_cast optimization_barrier pad pbroadcast ppermute pvary
+    reshape reshard rev scatter select_n sharding_constraint slice split squeeze stack stop_gradient tile
+    transpose unstack
+"""
 # Of numpy, what changes entries and computes nothing that could be refused.
 _CHANGES = {np.ones_like, np.full_like, np.empty_like, np.sort, np.partition, np.tril, np.triu}
 _COMPUTES = """
@@ -125,7 +134,7 @@ def _without_parties(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
 
 def require_moved_along(shares: Any, found: Any, rank: int, parties: int) -> None:
     """Raises ValueError where shares were moved in a way by which the party axis is not where it was, or
-    does not have the same parties.
+    does not have the same parties; TypeError where they were not only moved.
 
     Args:
         found: what became of the seal.
@@ -141,6 +150,8 @@ def require_moved_along(shares: Any, found: Any, rank: int, parties: int) -> Non
         raise ValueError(_MOVED.format(what=f"what made {shape[axis]} rows of those of {parties} parties"))
     if found.shape != _without_parties(shape, axis):
         raise ValueError(_MOVED.format(what="something"))
+    if isinstance(found, Tracer) and (others := jax_private.sealed_by(found) - set(_MOVES.split())):
+        raise TypeError(_REFUSAL.format(what=f"`{min(others)}`"))
 
 
 def is_array(x: Any) -> bool:

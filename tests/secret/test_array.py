@@ -265,9 +265,37 @@ def _pick(i, x):
 
 
 @pytest.mark.parametrize("name", MOVES)
-def test_what_moves_entries_goes_through(name):
+@pytest.mark.parametrize("trace", [lambda f: f, jax.jit], ids=["eager", "jit"])
+def test_what_moves_entries_goes_through(name, trace):
+    if trace is jax.jit and name in ("numpy", "a file", "pickle", "deepcopy"):
+        pytest.skip("tracers stay in their function")
     move, expected = MOVES[name]
-    np.testing.assert_array_equal(cn.reveal(move(X)), expected)
+    np.testing.assert_array_equal(cn.reveal(trace(move)(X)), expected)
+
+
+# JAX lets them be traced with any type, and compiles nothing that leaves no trace in a result.
+ORDERED = {
+    "sort": lambda x: jax.tree.map(lambda a: jnp.sort(a, axis=1), x),
+    "top_k": lambda x: jax.tree.map(lambda a: jax.lax.top_k(a, 2)[0], x),
+    "in an inner function": lambda x: jax.jit(lambda x: jax.tree.map(jnp.sort, x))(x),
+    "in a loop over arrays": lambda x: jax.tree.map(
+        lambda a: jax.lax.fori_loop(0, 2, lambda i, a: jax.lax.sort(a, dimension=1), a), x
+    ),
+    "before it is moved": lambda x: jax.tree.map(lambda a: jnp.sort(a)[:, ::-1].reshape(a.shape), x),
+    "in a branch": lambda x: jax.lax.cond(True, lambda x: jax.tree.map(jnp.sort, x), lambda x: x, x),
+    "under vmap": lambda x: jax.vmap(lambda x: jax.tree.map(jnp.sort, x))(_two(x)),
+}
+
+
+@pytest.mark.parametrize("name", ORDERED)
+def test_what_orders_shares_is_refused_under_a_trace(name):
+    with pytest.raises(TypeError, match="of the shares of a Secret and not of its value"):
+        jax.jit(ORDERED[name])(X)
+
+
+def test_integers_of_four_bits_are_refused():
+    with pytest.raises(TypeError, match="cannot share an array of dtype int4"):
+        cn.share(jax.random.key(0), jnp.ones(2, jnp.int4), parties=2)
 
 
 def test_trees_of_something_else_than_arrays_are_shown():
