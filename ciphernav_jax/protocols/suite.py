@@ -35,8 +35,8 @@ class Protocol:
         adder: how carries are found in it: "carry-tree" (what the top bit needs, no more), "kogge-stone",
             "brent-kung", "ripple" (63 rounds, for reference). See `protocols.adders`.
         range_bits: k where all values whose sign is taken, or that are compared with one another, are known
-            to lie within +-2^k; then the circuit looks at the bits below alone, and at one more for a
-            difference of two that are compared. A value beyond gets a wrong sign. None for the whole range.
+            to stay below 2^k in magnitude; then the circuit looks at those bits alone, and at one more for a
+            difference of two that are compared. Another value gets a wrong sign. None for the whole range.
         argmax: "pairwise" (all pairs at once, two comparisons deep), "tree" (n - 1 comparisons, log2 n deep),
             or "auto": all pairs for up to 25 entries, otherwise the tree.
         opened: what a classifier shows of its result: the "argmax" alone, or the "logits" as the paper does.

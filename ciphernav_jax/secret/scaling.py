@@ -15,7 +15,6 @@ import numpy as np
 from jax import Array, lax
 
 from ciphernav_jax import ring
-from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.party import AXIS
 from ciphernav_jax.ring.linear import DimensionNumbers
 from ciphernav_jax.secret import bounds
@@ -67,8 +66,8 @@ def from_public(context: Context, x: Public, most: int = bounds.MASK) -> Value:
     A float whose ring integer is larger than `most` becomes that: an infinity, or another mask.
 
     Raises:
-        NotUsable: a constant is NaN, or an integer beyond 2^62. (Of a number that only the run knows it is
-            found.) With `range_bits` a constant is a mask, or compared and not within them.
+        NotUsable: a constant is NaN, or an integer beyond 2^62; with `range_bits` a mask, or compared and
+            not within them. (Of a number that only the run knows it is found.)
     """
     if not is_float(x):
         too_large = "a public integer that meets a secret is larger than 2^62, up to which they are compared"
@@ -77,7 +76,7 @@ def from_public(context: Context, x: Public, most: int = bounds.MASK) -> Value:
             _refuse(context, x, ~fits, f"{too_large}. As a mask -2**62 loses every maximum", too_large)
         bound = largest(x) if isinstance(x, np.ndarray) else bounds.shared(context.protocol, x.dtype)
         return Value(context, 0, bound, public=ring.encode(x, 0))
-    _require_in_range_bits(context.protocol, x, most)
+    _require_in_range_bits(context, x, most)
     frac_bits = context.protocol.frac_bits
     numpy: Any = np if isinstance(x, np.ndarray) else jnp
     limit = most / 2**frac_bits
@@ -86,16 +85,20 @@ def from_public(context: Context, x: Public, most: int = bounds.MASK) -> Value:
     return Value(context, frac_bits, bound, public=ring.encode(x, frac_bits))
 
 
-def _require_in_range_bits(protocol: Protocol, x: Public, most: int) -> None:
-    if protocol.range_bits is None or not isinstance(x, np.ndarray):
+def _require_in_range_bits(context: Context, x: Public, most: int) -> None:
+    protocol = context.protocol
+    if protocol.range_bits is None:
         return
     limit = 2.0**protocol.range_bits if most == bounds.COMPARED else protocol.bound
-    beyond = x[np.abs(x) > limit]
-    if beyond.size:
-        raise NotUsable(
-            f"a constant of {beyond.flat[0]:g} meets a secret, and range_bits={protocol.range_bits} says "
-            f"that what is compared lies within {2**protocol.range_bits}: use range_bits=None with masks"
-        )
+    said = (
+        f"meets a secret, and range_bits={protocol.range_bits} says that what is compared stays below "
+        f"{2**protocol.range_bits}: use range_bits=None with masks"
+    )
+    beyond = abs(x) > limit
+    constant = (
+        f"a constant of {x[beyond].flat[0]:g} {said}" if isinstance(x, np.ndarray) and np.any(beyond) else ""
+    )
+    _refuse(context, x, beyond, constant, f"a public number beyond {limit:g} {said}")
 
 
 def reciprocal(context: Context, x: Public) -> Public:

@@ -510,3 +510,22 @@ def test_what_range_bits_leave_no_room_for_is_refused(function):
     x = cn.share(jax.random.key(0), np.array([0.5, -3.0]), parties=2, protocol=protocol)
     with pytest.raises(ValueError, match=r"range_bits=None with masks.*test_ranges"):
         cn.secure(function, protocol=protocol)(jax.random.key(1), x)
+
+
+@pytest.mark.parametrize(
+    ("function", "number"),
+    [
+        (lambda x, m: jnp.max(jnp.where(np.array([True, False]), x, m)), -1e9),
+        (lambda x, m: jnp.max(x + m), -np.inf),
+        (lambda x, m: jnp.maximum(x, m), -1e9),
+        (lambda x, m: x > m, 1e3),
+    ],
+)
+def test_what_range_bits_leave_no_room_for_is_refused_as_an_argument_too(function, number):
+    protocol = cn.Protocol(range_bits=4)
+    x = cn.share(jax.random.key(0), np.array([0.5, -3.0]), parties=2, protocol=protocol)
+    step = cn.secure(function, protocol=protocol)
+    with pytest.raises(ValueError, match=r"range_bits=None with masks.*test_ranges"):
+        step(jax.random.key(1), x, number)
+    plain = function(jnp.array([0.5, -3.0]), 2.0)
+    np.testing.assert_array_equal(cn.reveal(step(jax.random.key(2), x, 2.0)), plain)
