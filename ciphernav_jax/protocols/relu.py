@@ -13,10 +13,14 @@ from ciphernav_jax.protocols.party import labelled, open_sum
 
 
 class Relu(NamedTuple):
-    """A party's share of max(x, 0) after truncation, and the bit x > 0 for the backward pass."""
+    """Of z = x + plus: a party's share of max(z, 0) after truncation, and the bit z > 0, for the backward
+    pass. Of x: what it truncates to by the same opening, which is right for |x| < 2^62; and where x < 0.
+    """
 
     output: UInt64[Array, "..."]
     positive: Masked
+    truncated: Masked
+    below: Masked
 
 
 @labelled
@@ -25,23 +29,34 @@ def relu(
     x: UInt64[Array, "..."],
     shift: int = 0,
     circuit: compare.Circuit = compare.DEFAULT,
+    plus: UInt64[Array, "..."] | None = None,
 ) -> Relu:
-    """max(x, 0) / 2^shift and the bit x > 0, from one opening of x.
+    """max(z, 0) / 2^shift and the bit z > 0 of z = x + plus, a public number that 2^shift divides (0 where it
+    is None), from one opening of x.
 
     1. take [r], its bits, and [r >> shift], [r >> 63]; 2. open c = [x] + [r];
-    3. from c and those, locally, the truncated value x / 2^shift as a `Masked` value, right for x >= 0
+    3. from c + plus and those, locally, the truncated value z / 2^shift as a `Masked` value, right for z >= 0
        (`truncate.from_opening` without an offset);
-    4. from c and the bits of r the bit b = (x > 0), again `Masked` (`compare.positive`);
-    5. [b x / 2^shift] is the product of two `Masked` values: the dealer's products, no opening.
+    4. from c + plus and the bits of r the bit b = (z > 0), again `Masked` (`compare.positive`);
+    5. [b z / 2^shift] is the product of two `Masked` values: the dealer's products, no opening.
+
+    From c, locally, x / 2^shift as well, with the same rounding: where z > 0 it is b z / 2^shift less
+    plus / 2^shift. So whoever needs x truncated has it without another opening.
 
     Opened: what `compare.positive` opens. Rounds: 7 by default. Correlated randomness for each value: one
     `Mask` with bits and shift, 31 bit `AndTriple`s, one of `SharedBits`, two `Product`s (one with shift 0).
-    Error: that of the truncation, below 1 unit of the result and unbiased; with shift 0 none. Valid for |x| <
-    2^63, twice as far as a truncation alone: where x < 0 the truncated value is wrong, but the bit is 0 and
-    the output exactly 0; so a positive x may have the offset's half of the ring as well.
+    Error: that of the truncation, below 1 unit of the result and unbiased; with shift 0 none. Valid for |z| <
+    2^63, twice as far as a truncation alone: where z < 0 the truncated value is wrong, but the bit is 0 and
+    the output exactly 0; so a positive z may have the offset's half of the ring as well.
     """
     mask = dealer.take(circuit.mask(x.shape, shift))
     c = open_sum(x + mask["mask"])
-    positive = compare.positive_from_opening(dealer, c, mask, circuit)
-    truncated = truncate.from_opening(c, mask, shift, offset=0)
-    return Relu(multiply(dealer, positive, truncated), positive)
+    z = c if plus is None else c + plus
+    positive = compare.positive_from_opening(dealer, z, mask, circuit)
+    above = truncate.from_opening(z, mask, shift, offset=0)
+    return Relu(
+        multiply(dealer, positive, above),
+        positive,
+        truncated=truncate.from_opening(c, mask, shift),
+        below=truncate.from_opening(c, mask, shift, offset=1 << 63),
+    )

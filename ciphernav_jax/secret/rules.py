@@ -34,7 +34,7 @@ from ciphernav_jax.secret.scaling import (
     times_public,
     without_nan,
 )
-from ciphernav_jax.secret.value import Context, Value, join, where
+from ciphernav_jax.secret.value import Context, Move, Value, join, where
 
 Operand = Value | Public
 Rule = Callable[..., Any]
@@ -83,10 +83,14 @@ MOVES = {"gather", "scatter", "select_n", "split", "stop_gradient", "unstack"}
 """The rules that compute nothing: an entry that stands for no number stays recognisable as such."""
 
 
-def _moves(primitive: Primitive, data_operands: int | None = None) -> None:
+def _moves(
+    primitive: Primitive, data_operands: int | None = None, back: Callable[..., Move] | None = None
+) -> None:
     """Registers a primitive that only moves entries: applied to the shares as it is.
 
     The first `data_operands` operands are data (all if None); the rest are indices, which must be public.
+    `back(shape, **params)` undoes it, where it keeps the number of entries, for results of operands of that
+    shape.
     """
 
     def move(context: Context, *operands: Operand, **params: Any) -> Any:
@@ -99,26 +103,30 @@ def _moves(primitive: Primitive, data_operands: int | None = None) -> None:
         def bound(*shares: Array) -> Any:
             return primitive.bind(*shares, *indices, **params)
 
-        return data[0].moved(bound) if count == 1 else join(bound, *data)
+        if count > 1:
+            return join(bound, *data)
+        moved = data[0].moved(bound)
+        if back is not None and math.prod(moved.shape) == math.prod(data[0].shape):
+            return data[0].moved(bound, back(data[0].shape, **params))
+        return moved
 
     RULES[primitive.name] = move
     MOVES.add(primitive.name)
 
 
-for _primitive in (
-    lax.broadcast_in_dim_p,
-    lax.concatenate_p,
-    lax.copy_p,
-    lax.pad_p,
-    lax.reshape_p,
-    lax.rev_p,
-    lax.slice_p,
-    lax.squeeze_p,
-    lax.stack_p,
-    lax.tile_p,
-    lax.transpose_p,
-):
+def _reshaped(shape: tuple[int, ...], /, **_: Any) -> Move:
+    return partial(jnp.reshape, shape=shape)
+
+
+for _primitive in (lax.concatenate_p, lax.pad_p, lax.slice_p, lax.stack_p, lax.tile_p):
     _moves(_primitive)
+for _primitive in (lax.broadcast_in_dim_p, lax.copy_p, lax.reshape_p, lax.squeeze_p):
+    _moves(_primitive, back=_reshaped)
+_moves(lax.rev_p, back=lambda _, /, dimensions: partial(lax.rev, dimensions=dimensions))
+_moves(
+    lax.transpose_p,
+    back=lambda _, /, permutation: partial(jnp.transpose, axes=tuple(map(int, np.argsort(permutation)))),
+)
 _moves(lax.dynamic_slice_p, data_operands=1)
 _moves(lax.dynamic_update_slice_p, data_operands=2)
 

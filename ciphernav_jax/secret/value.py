@@ -114,6 +114,11 @@ class Value:
         self.coarse = coarse
         self.doubled = False
         self._settle = settle
+        self._settled: Value | None = None
+        self._told = False
+        # What it was moved out of, and how it goes back; and what a public number was added to, and which.
+        self._source: tuple[Value, Move | None] | None = None
+        self._added: tuple[Value, Array] | None = None
         if share is not None:
             self.share = share
 
@@ -153,16 +158,11 @@ class Value:
         shift = frac_bits - self.frac_bits
         return self.bound << shift if shift >= 0 else -(-self.bound >> -shift)
 
-    def moved(self, move: Move) -> "Value":
-        """The same entries elsewhere, repeated, left out, or negated, as `move` says of arrays."""
+    def moved(self, move: Move, back: Move | None = None) -> "Value":
+        """The same entries elsewhere, repeated, left out, or negated, as `move` says of arrays; `back` undoes
+        it, where that is easily said.
+        """
         public, excess = (None if x is None else move(x) for x in (self.public, self.excess))
-
-        def settle() -> Value:
-            # One truncation serves all that is made of its result, unless fewer entries need it.
-            if "settled" in vars(self) or not self.truncatable or result.share.size >= self.share.size:
-                return self.settled.moved(move)
-            return result.truncated(self.context.protocol.frac_bits)
-
         result = Value(
             self.context,
             self.frac_bits,
@@ -170,10 +170,11 @@ class Value:
             share=None if public is not None else move(self.share),
             public=public,
             excess=excess,
-            settle=settle,
+            settle=lambda: self.settled.moved(move),
             fresh=self.fresh,
             coarse=None if self.coarse is None else lambda: self.shorter.moved(move),
         )
+        result._source = self, back
         return result
 
     # --- precision ---
@@ -193,12 +194,38 @@ class Value:
         protocol = self.context.protocol
         return bounds.truncatable(protocol, max(frac_bits - protocol.frac_bits, 0))
 
-    @cached_property
+    @property
     def settled(self) -> "Value":
-        """This value with at most the protocol's fractional bits: truncated if it has more."""
+        """This value with at most the protocol's fractional bits: truncated if it has more. It is truncated
+        once, and so is all that was moved out of it, or that a public number was added to.
+        """
         if not self.waits:
             return self
-        return self._settle() if self._settle else self.truncated(self.context.protocol.frac_bits)
+        if self._settled is None:
+            self._settled = (
+                self._settle() if self._settle else self.truncated(self.context.protocol.frac_bits)
+            )
+        return self._settled
+
+    @property
+    def _may_absorb(self) -> bool:
+        """Whether an operation may truncate this value by itself, and tell what it truncates to (`_settles`):
+        it has not been truncated, nor has what it was moved out of.
+        """
+        if self._settled is not None or self._told or self._added is not None:
+            return False
+        if self._source is None:
+            return True
+        source, back = self._source
+        return back is not None and source._may_absorb
+
+    def _settles(self, settle: Callable[[], "Value"]) -> None:
+        """This value is truncated to that, and so is what it was moved out of."""
+        self._settle, self._told = settle, True
+        if self._source is not None:
+            source, back = self._source
+            assert back is not None
+            source._settles(lambda: self.settled.moved(back))
 
     def truncated(self, frac_bits: int) -> "Value":
         """This value with fewer fractional bits, perhaps fewer than 0."""
@@ -276,8 +303,12 @@ class Value:
         def settle() -> Value:
             return self.settled.add(other.settled)
 
-        if frac_bits <= protocol.frac_bits or a + b <= self.most(frac_bits):
+        if frac_bits <= protocol.frac_bits:
             return self._plus(other, frac_bits, None)
+        if a + b <= self.most(frac_bits):
+            return self._plus(
+                other, frac_bits, None if self.public is None and other.public is None else settle
+            )
         if frac_bits > 2 * protocol.frac_bits or self.excess is not None or other.excess is not None:
             return settle()
         if a + b <= bounds.SIGNED:
@@ -304,10 +335,20 @@ class Value:
         bound = a.bound + b.bound
         if a.public is not None and b.public is not None:
             return Value(self.context, frac_bits, bound, public=a.public + b.public, settle=settle)
-        return Value(self.context, frac_bits, bound, share=a.share + b.share, settle=settle, excess=excess)
+        total = Value(self.context, frac_bits, bound, share=a.share + b.share, settle=settle, excess=excess)
+        for secret, number, lifted in ((self, other, b), (other, self, a)):
+            if (
+                lifted.public is not None
+                and secret.waits
+                and secret.frac_bits == frac_bits
+                and not number.waits
+            ):
+                base, plus = secret._added or (secret, jnp.uint64(0))
+                total._added = base, plus + lifted.public
+        return total
 
     def negated(self) -> "Value":
-        return self.moved(jnp.negative)
+        return self.moved(jnp.negative, jnp.negative)
 
     def compared(self, other: "Value") -> "Value":
         """The difference of two values that are compared: of twice the range of those (`range_bits`).
@@ -407,12 +448,25 @@ class Value:
         """max(x, 0), truncated on the way where the truncation may be absorbed; keeps the bit x > 0."""
         protocol, dealer = self.context.protocol, self.context.dealer
         shift = max(self.frac_bits - protocol.frac_bits, 0)
+        x, plus = self._added or (self, None)
+        absorbs = protocol.truncation == "probabilistic" and x._may_absorb and (plus is None or x.truncatable)
         by_opening = protocol.comparison in ("masked", "masked-words") and protocol.multiplication == "beaver"
-        if not by_opening or (shift and protocol.truncation != "probabilistic"):
+        if not by_opening or (shift and not absorbs):
             return self.positive.times(self)
-        output, positive = relus.relu(dealer, self.share, shift, self._circuit)
-        self.positive = Value(self.context, 0, 1, form=positive)
-        result = Value(self.context, self.frac_bits - shift, -(-self.bound >> shift), share=output)
+        done = relus.relu(dealer, x.share, shift, self._circuit, plus)
+        self.positive = Value(self.context, 0, 1, form=done.positive)
+        result = Value(self.context, self.frac_bits - shift, -(-self.bound >> shift), share=done.output)
+
+        def settle() -> Value:
+            like = partial(Value, self.context, result.frac_bits, -(-x.bound >> shift))
+            if x.truncatable:
+                return like(form=done.truncated)
+            # x is max(x, 0) where the bit says so, and elsewhere what it is below 0.
+            above = multiply.multiply(dealer, done.positive, done.below)
+            return like(share=done.output + done.below.share() - above)
+
+        if shift:
+            x._settles(settle)
         if shift and self.context.witness:
             self.context.witness.truncated(self, shift, result, clipped=True)
         if self.excess is None:
@@ -482,15 +536,19 @@ def align(*values: Value) -> tuple[Value, ...]:
 
 def join(move: Callable[..., Array], *values: Value) -> Value:
     """Entries of several values beside one another, as `move` says of arrays."""
-    values = align(*values)
-    return Value(
-        values[0].context,
-        values[0].frac_bits,
-        max(v.bound for v in values),
-        share=move(*[v.share for v in values]),
+    aligned = align(*values)
+    joined = Value(
+        aligned[0].context,
+        aligned[0].frac_bits,
+        max(v.bound for v in aligned),
+        share=move(*[v.share for v in aligned]),
+        settle=lambda: join(move, *[v.settled for v in values]),
     )
+    joined._told = True  # by its parts
+    return joined
 
 
 def where(condition: Value, on_true: Value, on_false: Value) -> Value:
     """Selection by a secret bit: on_false + condition (on_true - on_false)."""
+    on_true, on_false = on_true.settled, on_false.settled
     return condition.times(on_true.add(on_false.negated())).add(on_false)

@@ -3,6 +3,8 @@
 import itertools
 import math
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from unittest.mock import patch
@@ -70,12 +72,19 @@ def _evaluated(program: Program, looked_at: list[int], protocol: cn.Protocol, pa
     keys = jax.random.split(jax.random.key(zlib.crc32(f"{seed} {program}".encode())), len(plain) + 1)
     # Traced as ever, so that loops and inner functions stay what they are; then evaluated step by step.
     traced = jaxpr_as_fun(jax.make_jaxpr(function)(*plain))
-    with jax.disable_jit(), patch.object(ring, "draw", drawn), patch.object(lax, "slice", cut):
+    with step_by_step():
         given = [
             cn.share(key, v, parties=parties, protocol=protocol) if x.secret else v
             for key, x, v in zip(keys[1:], program.inputs, plain, strict=True)
         ]
         return cn.reveal(cn.secure(traced, protocol=protocol)(keys[0], *given))
+
+
+@contextmanager
+def step_by_step() -> Iterator[None]:
+    """Functions on secrets are not compiled in here: each operation is, once for all with the same shapes."""
+    with jax.disable_jit(), patch.object(ring, "draw", drawn), patch.object(lax, "slice", cut):
+        yield
 
 
 _DRAW = jax.jit(ring.draw, static_argnums=(1, 2))
