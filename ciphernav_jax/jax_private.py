@@ -14,7 +14,7 @@ from jax._src import core, dtypes, source_info_util, tree_util
 from jax._src.core import trace_ctx
 from jax._src.interpreters import mlir, pxla
 from jax._src.interpreters.batching import BatchTracer
-from jax._src.interpreters.partial_eval import DynamicJaxprTracer
+from jax._src.interpreters.partial_eval import DynamicJaxprTracer, dce_jaxpr
 from jax._src.random import prng
 from jax._src.shard_map import ShardMapTrace
 from jax._src.sharding_impls import physical_sharding
@@ -56,6 +56,7 @@ __all__ = [
     "trace_of",
     "traced_for",
     "traces",
+    "without_dead_code",
 ]
 
 # Under `shard_map` that checks what varies, a collective has a primitive of another name.
@@ -110,6 +111,11 @@ def bind(eqn: JaxprEqn, operands: Sequence[Any]) -> list[Any]:
     # Some primitives are bound with functions, and hold jaxprs of them.
     results = eqn.primitive.bind(*operands, **eqn.primitive.get_bind_params(eqn.params))
     return list(results) if eqn.primitive.multiple_results else [results]
+
+
+def without_dead_code(jaxpr: Jaxpr) -> Jaxpr:
+    """The jaxpr without the equations, and the results of inner ones, that none of its results is made of."""
+    return dce_jaxpr(jaxpr, [True] * len(jaxpr.outvars), instantiate=True)[0]
 
 
 def scan_parts(params: dict[str, Any], operands: Sequence[Any]) -> tuple[list[Any], list[Any], list[Any]]:

@@ -110,6 +110,7 @@ class Secure:
         self.closed_over[:] = [x for x in jaxpr.consts if isinstance(x, Tracer)]
         key = fresh.of_each_entry(key, (args, self.closed_over), "step")
         _require_local(jaxpr.jaxpr, of_function(self.function))
+        live = jax_private.without_dead_code(jaxpr.jaxpr)
         outputs, out_tree = jax.tree.flatten(shapes)
         made: list[int | None] = []  # of each output the fractional bits, or None where it is public
 
@@ -126,7 +127,7 @@ class Secure:
                 for name, x, value in zip(names, leaves, values, strict=True):
                     if isinstance(x, Secret):
                         context.witness.given(f"args{name}", value, x.dtype)
-            results = _evaluate_jaxpr(context, jaxpr.jaxpr, jaxpr.consts, values)
+            results = _evaluate_jaxpr(context, live, jaxpr.consts, values)
             with jax.named_scope("primitive:output"):
                 results = [_finish(x, out.dtype) for x, out in zip(results, outputs, strict=True)]
                 notes = context.notes()
@@ -166,7 +167,8 @@ def secure(function: Callable[..., Any], *, protocol: Protocol | None = None) ->
         function: any JAX function of float arrays (pytrees of them) whose primitives have a rule: MLPs, ReLU,
             squared losses, comparisons, `jnp.where`, sums, reshapes, and `jax.grad` of them; `lax.scan`,
             `fori_loop`, `map`, and `while_loop`, `cond`, `switch` on public predicates. What it closes over
-            is public. Python numbers in it are constants: powers of two and integers multiply exactly.
+            is public. Python numbers in it are constants: powers of two and integers multiply exactly. What
+            no result is made of is not computed, and may have no rule (all that a `while` carries is).
         protocol: the variants; the precision must be that of the secrets given.
 
     Returns:
