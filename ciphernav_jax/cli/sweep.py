@@ -1,0 +1,86 @@
+"""What `ciphernav sweep` does."""
+
+import importlib
+import os
+import sys
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+
+from ciphernav_jax.cli.options import Sweep
+from ciphernav_jax.comparison import compare
+from ciphernav_jax.comparison.subject import words
+from ciphernav_jax.models.classifier import ACTIONS
+from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
+from ciphernav_jax.navigation import classifier
+from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.protocols import Protocol
+
+BATCH = 100
+
+console = Console(highlight=False)
+
+Given = tuple[Callable[..., Any], tuple[Any, ...]]
+
+
+def run(args: Sweep) -> None:
+    """Compare as asked, print the tables, and say where they are.
+
+    Raises:
+        ValueError: a variant, or a function, that there is not; or OUT holds another comparison.
+        What the function was refused with, where it was with all variants.
+    """
+    protocols = [Protocol.parse(text) for text in args.variant]
+    function, given = named(args.function) if args.function else training_step(args.seed)
+    try:
+        compared = compare(
+            function,
+            *given,
+            parties=args.parties,
+            protocols=protocols,
+            out=args.out,
+            repeat=args.repeat,
+            seed=args.seed,
+        )
+    except TypeError as error:  # of the function and its arguments, which are the user's
+        raise ValueError(words(error)) from error
+    console.print(compared)
+    console.print(f"Written: {args.out}/comparison.json, comparison.md, comparison.png")
+
+
+def named(name: str) -> Given:
+    """What the function of that name, package.module:name, gives to compare: a function and its arguments.
+
+    Raises:
+        ValueError: there is no such function; or it fails, or gives something else.
+    """
+    module, colon, attribute = name.partition(":")
+    if not (module and colon and attribute):
+        raise ValueError(f"--function is written package.module:name, not {name!r}")
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())  # as `python -m` does
+    try:
+        make = getattr(importlib.import_module(module), attribute)
+        made = make()
+    except Exception as error:  # whatever the user's own code does
+        raise ValueError(f"--function {name}: {words(error)}") from error
+    if not isinstance(made, tuple) or len(made) < 2 or not callable(made[0]):
+        raise ValueError(f"--function {name} must return a function and its arguments, (function, *args)")
+    return made[0], made[1:]
+
+
+def training_step(seed: int) -> Given:
+    """A step of training the paper's classifier on random features, all of it secret."""
+    generator = np.random.default_rng(seed)
+    weights = classifier.initial(seed)
+    widths = (*[VIEW_FEATURES] * 5, MAP_FEATURES)
+    slots = tuple(generator.standard_normal((BATCH, width)).astype(np.float32) for width in widths)
+    labels = np.eye(ACTIONS, dtype=np.float32)[generator.integers(ACTIONS, size=BATCH)]
+    state = (weights, jax.tree.map(jnp.zeros_like, weights), np.float32(0))
+    step = partial(classifier.sgd_step, decay=jnp.float32(1), recipe=FreshClassifier(batch=BATCH))
+    return step, (state, slots, labels)
