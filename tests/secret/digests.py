@@ -1,19 +1,19 @@
 """Digests of what calls compute and send: of shares, messages, costs and results, bit for bit.
 
-    python -m tests.secret.digests > tests/secret/digests.json
+    python -m tests.secret.digests 2 > tests/secret/digests.json    # of two parties; six minutes
 
-They hold a rebuilding of the engine to its bits. Record them anew only with a change of what is dealt, computed or
-sent, and say why in its commit. Functions are traced as ever and evaluated one operation at a time, which gives the
-bits of the compiled program and compiles far less; but for loops and the training, which are compiled.
+They hold a rebuilding of the engine to its bits. Record them anew only with a change of what is dealt,
+computed or sent, and say why in its commit. Functions are traced as ever and evaluated one operation at a
+time, which gives the bits of the compiled program and compiles far less; but for loops and the training.
 """
 
 import hashlib
 import json
+import sys
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
-from unittest.mock import patch
 
 import jax
 import jax.numpy as jnp
@@ -22,11 +22,10 @@ from jax import lax
 from jax.extend.core import jaxpr_as_fun
 
 import ciphernav_jax as cn
-from ciphernav_jax import ring
-from ciphernav_jax.experiments import primitives
-from ciphernav_jax.experiments.work import Sizes, works
+from experiments import primitives
+from experiments.work import Sizes, works
 
-from .random_programs.checking import cut, drawn
+from .random_programs.checking import step_by_step
 from .random_programs.variants import variants
 from .test_loops import FUNCTIONS, N
 from .test_loops import X as ROWS
@@ -101,7 +100,7 @@ def digest(name: str, call: Call, parties: int) -> dict[str, str]:
     key = jax.random.key(zlib.crc32(f"{name} {parties}".encode()))
     keys = jax.random.split(key, len(call.args) + 1)
     traced = jaxpr_as_fun(jax.make_jaxpr(call.function)(*call.args))
-    with jax.disable_jit(), patch.object(ring, "draw", drawn), patch.object(lax, "slice", cut):
+    with step_by_step():
         given = [
             cn.share(key, x, parties=parties, protocol=call.protocol) if secret else jnp.asarray(x)
             for key, x, secret in zip(keys[1:], call.args, call.secret, strict=True)
@@ -125,7 +124,8 @@ def looped(parties: int) -> dict[str, dict[str, str]]:
     step = cn.secure(lambda *args: {name: f(*args) for name, (f, _) in FUNCTIONS.items()})
     results = step(jax.random.key(8), cn.share(jax.random.key(7), ROWS, parties=parties), N)
     return {
-        f"loops: {name}": {"shares": hashed(x), "results": hashed(cn.reveal(x))} for name, x in results.items()
+        f"loops: {name}": {"shares": hashed(x), "results": hashed(cn.reveal(x))}
+        for name, x in results.items()
     }
 
 
@@ -159,4 +159,5 @@ def all_digests(parties: int) -> dict[str, dict[str, str]]:
 
 if __name__ == "__main__":
     jax.config.update("jax_numpy_dtype_promotion", "strict")
-    print(json.dumps({str(parties): all_digests(parties) for parties in PARTIES}, indent=1))
+    found = {str(parties): all_digests(parties) for parties in map(int, sys.argv[1:] or PARTIES)}
+    print(json.dumps({"jax": jax.__version__, "digests": found}, indent=1))
