@@ -1,10 +1,11 @@
-.PHONY: help setup demo test test-newest lint
+.PHONY: help setup demo test test-newest lint docs
 
 help:
 	@echo 'make demo   the whole job, small: world, training, secret training, navigation, table (out/demo/)'
 	@echo 'make test   the tests'
 	@echo 'make test-newest   those of the engine again, on the newest JAX'
 	@echo 'make lint   ruff and pyright'
+	@echo 'make docs   the documentation as a site (out/docs/)'
 	@echo 'All of them first make .venv and install what is needed (scripts/setup).'
 
 setup:
@@ -23,3 +24,7 @@ lint: setup
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/pyright
+
+docs: setup
+	.venv/bin/python -m pip install --quiet --disable-pip-version-check --group docs
+	.venv/bin/mkdocs build --strict

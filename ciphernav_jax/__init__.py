@@ -1,29 +1,36 @@
 """Secret-shared machine learning, simulated in JAX.
 
-The packages in import order; each imports only from those above it.
+In import order; each imports only from those above it.
 
+- `allocator`, `compilation_cache`, `vectors`: settings for speed, made when the package is imported.
+- `extras`: what some parts need and functions on secrets do without.
 - `files`: files that are whole or absent, and are what was written.
+- `jax_private`: what JAX does not promise to keep; nowhere else is it touched.
 - `lifeline`: child processes that end with their parent.
 - `command_line`: ranges of options, and how a command ends.
+- `provenance`: on what and when a result was made.
 - `ring`: arithmetic of the integers modulo 2^64: fixed point, products, bits, randomness.
-- `protocols`: what parties do with shares: open, multiply, truncate, compare; the dealer.
+- `parties`: how one party's program is run and watched; the dealer.
+- `protocols`: what parties compute on shares: products, truncation, comparison.
 - `secret`: from functions on floats to functions on secrets.
+- `comparison`: one's own function over protocol variants and numbers of parties.
 - `world`: Obstacle World, its environment, renderer and data set; no secrets here.
 - `models`: the paper's encoders and action classifier.
 - `navigation`: training, plain and secret, and closed-loop evaluation.
-- `experiments`: measurements: speed, beside what the machine can do and beside other frameworks.
 - `cli`: the command line `ciphernav`.
 
-Importing the package registers the gymnasium environment, switches JAX's 64-bit types on, gives JAX a
-folder for its compilation cache (`compilation_cache`) and has it use wide vectors (`vectors`). The names of
-the public face are imported on first use, so that the processes that render Obstacle World never load JAX.
+Importing the package switches JAX's 64-bit types on, gives JAX a folder for its compilation cache
+(`compilation_cache`), has it use wide vectors (`vectors`), and registers the gymnasium environment where the
+extra `navigation` is installed. The names of the public face are imported on first use, so that the processes
+that render Obstacle World never load JAX.
 """
 
 import importlib
 import os
 import sys
+from typing import TYPE_CHECKING
 
-from ciphernav_jax import allocator, compilation_cache, vectors, world  # noqa: F401  (world registers the gymnasium environment)
+from ciphernav_jax import allocator, compilation_cache, extras, vectors
 
 __version__ = "0.1.0"
 
@@ -36,6 +43,8 @@ else:
 allocator.keep_large_buffers()
 compilation_cache.switch_on()
 vectors.prefer_widest()
+if not extras.missing("navigation"):
+    from ciphernav_jax import world
 
 _HOME = {
     "KeyReuseWarning": "secret",
@@ -46,8 +55,10 @@ _HOME = {
     "ValidationError": "secret",
     "WAN": "secret",
     "audit": "secret",
+    "compare": "comparison",
     "cost": "secret",
     "deploy": "secret",
+    "reshare": "secret",
     "reveal": "secret",
     "secure": "secret",
     "share": "secret",
@@ -55,9 +66,59 @@ _HOME = {
     "transcript": "secret",
     "validate": "secret",
 }
-_PACKAGES = ("ring", "protocols", "secret", "models", "navigation", "experiments")
+_PACKAGES = ("ring", "parties", "protocols", "secret", "comparison", "models", "navigation", "world")
 
-__all__ = sorted([*_HOME, *_PACKAGES, "world"])  # pyright: ignore[reportUnsupportedDunderAll]
+if TYPE_CHECKING:  # for editors, which do not look into __getattr__
+    from ciphernav_jax import comparison, models, navigation, parties, protocols, ring, secret, world
+    from ciphernav_jax.comparison import compare
+    from ciphernav_jax.protocols import Protocol
+    from ciphernav_jax.secret import (
+        LAN,
+        WAN,
+        KeyReuseWarning,
+        Network,
+        Secret,
+        ValidationError,
+        audit,
+        cost,
+        deploy,
+        reshare,
+        reveal,
+        secure,
+        share,
+        simulate,
+        transcript,
+        validate,
+    )
+
+__all__ = [
+    "LAN",
+    "WAN",
+    "KeyReuseWarning",
+    "Network",
+    "Protocol",
+    "Secret",
+    "ValidationError",
+    "audit",
+    "compare",
+    "comparison",
+    "cost",
+    "deploy",
+    "models",
+    "navigation",
+    "parties",
+    "protocols",
+    "reshare",
+    "reveal",
+    "ring",
+    "secret",
+    "secure",
+    "share",
+    "simulate",
+    "transcript",
+    "validate",
+    "world",
+]
 
 
 def __getattr__(name: str):

@@ -6,6 +6,7 @@ A test reads the sources for strays.
 
 import weakref
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import jax
@@ -21,6 +22,7 @@ from jax._src.sharding_impls import physical_sharding
 
 # JAX keeps `Tracer` for `isinstance`: whether a value is known while tracing.
 from jax.core import Tracer
+from jax.experimental.compilation_cache import compilation_cache
 
 # The language that programs are read in. Since jax 0.11 `Jaxpr` and `ClosedJaxpr` are one class.
 # `get_opaque_trace_state` differs from one trace to another: what one body was dealt is not taken in another.
@@ -56,6 +58,7 @@ __all__ = [
     "trace_of",
     "traced_for",
     "traces",
+    "without_compilation_cache",
     "without_dead_code",
 ]
 
@@ -126,6 +129,22 @@ def scan_parts(params: dict[str, Any], operands: Sequence[Any]) -> tuple[list[An
         consts, carry = params["num_consts"], params["num_carry"]
     operands = list(operands)
     return operands[:consts], operands[consts : consts + carry], operands[consts + carry :]
+
+
+@contextmanager
+def without_compilation_cache() -> Iterator[None]:
+    """Within it nothing compiled is read from the persistent compilation cache, or kept there; afterwards it
+    is as the user set it.
+    """
+    # JAX looks at the setting once, and again after a reset. No entry is lost by it: they are files.
+    before = jax.config.jax_enable_compilation_cache  # pyright: ignore[reportAttributeAccessIssue]
+    jax.config.update("jax_enable_compilation_cache", False)
+    compilation_cache.reset_cache()
+    try:
+        yield
+    finally:
+        jax.config.update("jax_enable_compilation_cache", before)
+        compilation_cache.reset_cache()
 
 
 def traces() -> Iterator[Any]:

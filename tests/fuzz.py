@@ -33,15 +33,16 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 import numpy as np
 import tyro
 
-from ciphernav_jax import cli, files
-from ciphernav_jax.cli import options
-from ciphernav_jax.experiments import pictures, process
-from ciphernav_jax.experiments.report import figures
-from ciphernav_jax.navigation import metrics, record
+from ciphernav_jax import cli, files, provenance
+from ciphernav_jax.cli import options as of_library
+from ciphernav_jax.navigation import metrics
 from ciphernav_jax.world import dataset, shards
 from ciphernav_jax.world.generate import Generate
 from ciphernav_jax.world.grid import WALLS
 from ciphernav_jax.world.poses import CAMERAS, IMAGE_SHAPE, POSE_CELL, POSES
+from experiments import __main__ as experiments
+from experiments import options, pictures, process
+from experiments.report import figures
 
 ROOT = Path(__file__).parents[1]
 COUNT = 10
@@ -108,7 +109,7 @@ def faked() -> Iterator[None]:
         (pictures, "variants", lambda document: None),
         (figures, "svg", lambda picture: "<svg></svg>"),
         (metrics, "tally", tallied),
-        (record, "now", lambda: "now"),
+        (provenance, "now", lambda: "now"),
     ]
     before = [(module, name, getattr(module, name)) for module, name, _ in fakes]
     for module, name, fake in fakes:
@@ -130,6 +131,11 @@ class Ended(NamedTuple):
     error: str
 
 
+def command() -> None:
+    """`ciphernav`, or `python -m experiments` where the command is one of its."""
+    (experiments if sys.argv[1] in ("bench", "sweep", "report") else cli).main()
+
+
 def run(words: list[str], folder: Path) -> Ended:
     """A command in a folder, in this process; a traceback counts as code -1."""
     before, error = os.getcwd(), io.StringIO()
@@ -137,7 +143,7 @@ def run(words: list[str], folder: Path) -> Ended:
     sys.argv = ["ciphernav", *words]
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(error):
-            cli.main()
+            command()
         return Ended(0, error.getvalue())
     except SystemExit as stopped:
         return Ended(stopped.code if isinstance(stopped.code, int) else 1, error.getvalue())
@@ -211,7 +217,7 @@ def ground(folder: Path, *, secret: bool) -> None:
     made(f"{SWEEP} --out sweep --parties 2")
     for name in RESULTS:
         (folder / "results" / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(ROOT / "results" / f"{name}.json", folder / "results" / f"{name}.json")
+        shutil.copy(ROOT / "experiments" / "results" / f"{name}.json", folder / "results" / f"{name}.json")
     if secret:
         made("train --method plaintext --data world/train --epochs 1 --out seeing")
         made(f"{FRESH} --method secret --steps 2 --out secret")
@@ -457,9 +463,9 @@ class Fuzz:
 
 COMMANDS = {
     "generate": (Generate, "--out out --count 6 --workers 1"),
-    "train": (options.Train, "--method map-only --data world/train --out out --epochs 1"),
-    "evaluate": (options.Evaluate, "--model plain --data world/test --out out"),
-    "demo": (options.Demo, "--out out --train 4 --test 4 --epochs 1 --steps 1"),
+    "train": (of_library.Train, "--method map-only --data world/train --out out --epochs 1"),
+    "evaluate": (of_library.Evaluate, "--model plain --data world/test --out out"),
+    "demo": (of_library.Demo, "--out out --train 4 --test 4 --epochs 1 --steps 1"),
     "bench": (options.Bench, "--out out --work product"),
     "sweep": (options.Sweep, "--out out --parties 2 --variant default"),
     "report": (options.Report, "--results results --out out"),
@@ -566,7 +572,7 @@ if seconds:
     timer.start()
 atexit.register(lambda: print(calls, file=sys.stderr))
 with fuzz.faked():
-    fuzz.cli.main()
+    fuzz.command()
 """
 
 

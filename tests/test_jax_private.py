@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 from jax import lax
+from jax._src import compilation_cache
 
 from ciphernav_jax import jax_private
 
@@ -37,6 +38,48 @@ def test_a_scans_operands_are_told_apart():
 
     eqn = equation(scanned, 1.0, 2.0, 3.0, jnp.ones(5))
     assert jax_private.scan_parts(eqn.params, "abcx") == (["a", "b"], ["c"], ["x"])
+
+
+@pytest.fixture
+def cache(tmp_path):
+    """JAX's persistent compilation cache in a folder of its own, where every program is kept."""
+    names = {
+        "jax_compilation_cache_dir": str(tmp_path),
+        "jax_persistent_cache_min_compile_time_secs": 0,
+        "jax_persistent_cache_min_entry_size_bytes": -1,
+        "jax_enable_compilation_cache": True,
+    }
+    before = {name: getattr(jax.config, name) for name in names}
+    for name, value in names.items():
+        jax.config.update(name, value)
+    compilation_cache.reset_cache()
+    yield tmp_path
+    for name, value in before.items():
+        jax.config.update(name, value)
+    compilation_cache.reset_cache()
+
+
+def test_without_the_compilation_cache_nothing_is_kept_or_read_and_then_it_is_as_before(cache, monkeypatch):
+    read = []
+    monkeypatch.setattr(
+        compilation_cache, "get_executable_and_time", lambda *args: read.append(args) or (None, None)
+    )
+
+    def compiled(number):
+        jax.jit(lambda x: x * number).lower(1.0).compile()
+        return len(list(cache.glob("*-cache"))), len(read)
+
+    assert compiled(3.25) == (1, 1)
+    with jax_private.without_compilation_cache():
+        assert compiled(3.25) == compiled(3.5) == (1, 1)
+    assert compiled(3.5) == (2, 2)
+    with (
+        jax_private.without_compilation_cache(),
+        pytest.raises(ZeroDivisionError),
+        jax_private.without_compilation_cache(),
+    ):
+        raise ZeroDivisionError
+    assert jax.config.jax_enable_compilation_cache
 
 
 @pytest.mark.parametrize(

@@ -9,14 +9,14 @@ import pytest
 from jax import lax
 
 import ciphernav_jax as cn
-from ciphernav_jax.experiments.trial import Effort, Trial, result_of
-from ciphernav_jax.experiments.work import Sizes
 from ciphernav_jax.navigation import trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.ring import keys
-from ciphernav_jax.secret import loops
+from ciphernav_jax.secret.rules import control_flow
 from ciphernav_jax.world.grid import MAX_ACTIONS
+from experiments.trial import Effort, Trial, result_of
+from experiments.work import Sizes
 from tests.ledger import kept
 from tests.navigation.conftest import Killed, killed_after_first, make, silent
 
@@ -159,8 +159,10 @@ def test_numbers_folded_in_by_hand_are_found(monkeypatch):
 @pytest.mark.parametrize("way", ["share and share", "step and step", "on call", "two shapes"])
 def test_a_planted_reuse_is_found(way, monkeypatch):
     if way == "on call":
-        take = loops.take_on_call
-        monkeypatch.setattr(loops, "take_on_call", lambda seed, plan, _, *rest: take(seed, plan, 0, *rest))
+        take = control_flow.take_on_call
+        monkeypatch.setattr(
+            control_flow, "take_on_call", lambda seed, plan, _, *rest: take(seed, plan, 0, *rest)
+        )
     with kept() as ledger:
         step, on_call = cn.secure(body), cn.secure(while_on_call)
         x = share(keys.derive(KEY, "x"), X)

@@ -1,20 +1,23 @@
-"""The command line: `ciphernav generate | train | evaluate | demo | bench | sweep | report`.
+"""The command line: `ciphernav generate | train | evaluate | demo | sweep`.
 
 - `options`: what each command can be told.
 - `commands`: train and evaluate.
 - `demo`: the whole job, small.
-
-`bench`, `sweep` and `report` are in the package `experiments`.
+- `sweep`: variants compared on a function.
 
 What a command needs is imported when it runs, so that `--help` is quick and the processes that
 render never load JAX.
 """
 
-import tyro
+from ciphernav_jax import extras
 
-from ciphernav_jax import command_line
-from ciphernav_jax.cli.options import Bench, Demo, Evaluate, Report, Sweep, Train
-from ciphernav_jax.world.generate import Generate
+extras.require("navigation", "the command ciphernav")
+
+import tyro  # noqa: E402
+
+from ciphernav_jax import command_line  # noqa: E402
+from ciphernav_jax.cli.options import Demo, Evaluate, Sweep, Train  # noqa: E402
+from ciphernav_jax.world.generate import Generate  # noqa: E402
 
 
 def main() -> None:
@@ -25,9 +28,7 @@ def main() -> None:
             "train": Train,
             "evaluate": Evaluate,
             "demo": Demo,
-            "bench": Bench,
             "sweep": Sweep,
-            "report": Report,
         },
         prog="ciphernav",
         description="A robot that navigates by other parties' cameras while nobody sees anybody's images.",
@@ -37,7 +38,7 @@ def main() -> None:
         _run(command)
 
 
-def _run(command: Generate | Train | Evaluate | Demo | Bench | Sweep | Report) -> None:
+def _run(command: Generate | Train | Evaluate | Demo | Sweep) -> None:
     match command:
         case Generate():
             from ciphernav_jax.world import generate
@@ -55,31 +56,7 @@ def _run(command: Generate | Train | Evaluate | Demo | Bench | Sweep | Report) -
             from ciphernav_jax.cli import demo
 
             demo.run(command)
-        case Bench():
-            from ciphernav_jax.experiments import bench, peers, variants
-
-            bench.run(
-                parties=command.parties,
-                names=command.work,
-                protocols=[variants.parse(text) for text in command.variant],
-                out=command.out,
-                seed=command.seed,
-                repeat=command.repeat,
-                with_peers=peers.PEERS if command.peers else (),
-                time_limit=command.time_limit,
-            )
         case Sweep():
-            from ciphernav_jax.experiments import sweep, variants
-            from ciphernav_jax.experiments.trial import Effort
+            from ciphernav_jax.cli import sweep
 
-            sweep.run(
-                parties=command.parties,
-                protocols=[variants.parse(text) for text in command.variant],
-                out=command.out,
-                seed=command.seed,
-                effort=Effort(steps=command.steps, time_limit=command.time_limit),
-            )
-        case Report():
-            from ciphernav_jax.experiments.report import write
-
-            write.run(command.results, command.out, command.readme)
+            sweep.run(command)

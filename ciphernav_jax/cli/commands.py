@@ -8,7 +8,6 @@ from rich.console import Console
 
 from ciphernav_jax import files
 from ciphernav_jax.cli.options import Evaluate, Train
-from ciphernav_jax.experiments import variants
 from ciphernav_jax.navigation import metrics, trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.methods import METHODS
@@ -111,7 +110,7 @@ def _check(args: Train, secret: bool) -> None:
 
 
 def _protocol(text: str) -> Protocol | None:
-    return None if text == "default" else variants.parse(text)
+    return None if text == "default" else Protocol.parse(text)
 
 
 def _given(**options: int | None) -> dict[str, Any]:

@@ -14,10 +14,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ciphernav_jax import files
+from ciphernav_jax import files, provenance
 from ciphernav_jax.cli.options import Demo
 from ciphernav_jax.files import write_json, write_text
-from ciphernav_jax.navigation import metrics, pictures, record, trained
+from ciphernav_jax.navigation import metrics, pictures, trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.parties import cast, statement
 from ciphernav_jax.navigation.plain import EndToEnd
@@ -115,8 +115,8 @@ def _write(
             "end_to_end": asdict(recipes[0]),
             "classifier": asdict(recipes[1]),
         },
-        "versions": record.versions(),
-        "machine": record.machine(),
+        "versions": provenance.versions(),
+        "machine": provenance.machine(),
         "seconds": clock.seconds,
         "resumed": resumed,  # then the seconds are of what was left to do
         "counts": counts,

@@ -3,37 +3,15 @@
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import tyro
 
-from ciphernav_jax.command_line import COUNT, PARTIES, SECONDS, SEED, WORKERS, Within
+from ciphernav_jax.command_line import COUNT, PARTIES, SEED, WORKERS, Within
 
 Method = Literal[
     "map-only", "first-person", "first-person-deterministic", "plaintext", "plaintext-classifier", "secret"
 ]
-WorkName = Literal["product", "relu", "forward-public", "forward", "train", "train-loop"]
-
-# What `sweep` compares unless told otherwise. The ripple adder is left to ask for: 63 rounds.
-VARIANTS = (
-    "default",
-    "truncation=nearest",
-    "truncation=floor",
-    "truncation=wrap-count",
-    "truncation=local",
-    "frac_bits=16",
-    "truncation=floor,frac_bits=16",
-    "truncation=wrap-count,frac_bits=16",
-    "comparison=masked-words",
-    "comparison=resharing",
-    "adder=kogge-stone",
-    "adder=brent-kung",
-    "range_bits=16",
-    "generator=chacha20",
-    "multiplication=ideal",
-    "multiplication=ideal,truncation=ideal,comparison=ideal",
-)
-
 
 EPOCHS = Within(1, 10_000)
 
@@ -67,7 +45,7 @@ class Train:
     other number from 2 on. Default 2."""
     variant: str = "default"
     """Protocol of a secret training, as what differs from the default: truncation=nearest,opened=logits.
-    Robots then drive by it too. See `ciphernav sweep --help`."""
+    Robots then drive by it too. The names are those of `ciphernav_jax.Protocol`."""
     encoders: Path | None = None
     """Finished `plaintext` training whose encoders to keep; without it one is trained in OUT/encoders."""
     seed: Annotated[int, SEED] = 0
@@ -143,98 +121,45 @@ class Demo:
 
 
 @dataclass
-class Bench:
-    """Time secret-shared work beside what the machine can do and, with `--peers`, beside other frameworks.
-
-    Each work with each number of parties runs in a process of its own: tracing, cold compilation, then
-    calls until three seconds are full. The table gives their median, the least time that the products and
-    the random numbers need on this machine (the floor), compile times, peak memory, and the error against
-    float64.
-
-    `--peers` makes a virtual environment for each of CrypTen, SPU and PriX (several GB, from the package
-    index that pip is set up for) and runs the same work there. Finished measurements of peers are kept:
-    the same command goes on where it was. A peer that cannot be installed or does not finish is said so.
-
-    For example:
-
-        ciphernav bench --work train --parties 2 5 --variant default truncation=nearest
-        ciphernav bench --peers
-    """
-
-    out: Path = Path("out/bench")
-    """Folder for bench.json and bench.md, and for the peers."""
-    parties: PartiesList = field(default_factory=lambda: [2, 3, 5, 8, 16])
-    """Numbers of parties; of them a peer runs those that it can do, at most 5."""
-    work: Annotated[list[WorkName], tyro.conf.arg(metavar="WORK [WORK ...]")] = field(
-        default_factory=lambda: list(get_args(WorkName))
-    )
-    """What to time: product, relu, forward, forward-public (public weights), train (one step), train-loop
-    (steps in one compiled loop). All of them by default."""
-    variant: VariantList = field(default_factory=lambda: ["default"])
-    """Protocols, each as what differs from the default, such as truncation=nearest,frac_bits=16. The peers
-    are compared with the first."""
-    repeat: Annotated[int | None, COUNT] = None
-    """Timed calls; by default as many as fit in three seconds, and 5 of a peer."""
-    seed: Annotated[int, SEED] = 0
-    """Of the inputs, the shares and the protocols."""
-    peers: bool = False
-    """Run the other frameworks too."""
-    time_limit: Annotated[float, SECONDS] = 300
-    """Seconds after which a peer's work counts as not finished."""
-
-
-@dataclass
 class Sweep:
-    """Compare protocol variants and numbers of parties, on one table and one picture.
+    """Compare protocol variants and numbers of parties on a function of your own.
 
-    For each: seconds of a training step and of a forward pass of the paper's classifier; rounds, bytes, and
-    the time they take on a LAN and a WAN; errors of outputs, gradients and of the loss after a training,
-    against float64; and how often truncations fail. A variant is written as what differs from the default:
-    NAME=VALUE, several with commas. The names are multiplication, truncation, comparison, adder,
-    range_bits, frac_bits and generator; a wrong value is answered with those there are.
+    For each: seconds of a call, seconds of compiling, rounds, bytes, the time they take on a LAN and a WAN,
+    the largest error of a value and of the gradient against float64, truncations that failed, and memory. A
+    variant is written as what differs from the default: NAME=VALUE, several with commas. The names are those
+    of `ciphernav_jax.Protocol`; a wrong value is answered with those there are.
 
-    Each variant with each number of parties runs in a process of its own, and what OUT holds already is kept:
-    the same command goes on where it was killed, and another one adds to the same table.
+    FUNCTION is written package.module:name. It is called without arguments and returns what to compare and
+    its arguments, (function, *args): all of these are shared, what the function closes over is public. It is
+    looked for in this folder and among what is installed. Without it, it is a training step of the paper's
+    classifier, batch 100, with weights, features and labels secret.
+
+    What OUT holds already is kept: the same command goes on where it was killed, and further variants and
+    parties add to the same table. `ciphernav_jax.compare` does the same in Python.
 
     For example:
 
-        ciphernav sweep --parties 2 5 --variant default truncation=nearest,frac_bits=16
-        ciphernav sweep --out out/quick --parties 2 --steps 10
+        ciphernav sweep --parties 2 3 --variant default truncation=nearest
+        ciphernav sweep --function package.module:name --variant default comparison=resharing --out out/mine
     """
 
+    function: str | None = None
+    """What to compare on, package.module:name."""
     out: Path = Path("out/sweep")
-    """Folder for sweep.json, sweep.md and sweep.png."""
-    parties: PartiesList = field(default_factory=lambda: [2, 5])
-    """Numbers of parties. A variant takes longer with more of them, resharing by far the most."""
-    variant: VariantList = field(default_factory=lambda: list(VARIANTS))
+    """Folder for comparison.json, comparison.md and comparison.png."""
+    parties: PartiesList = field(default_factory=lambda: [2, 3, 5])
+    """Numbers of parties."""
+    variant: VariantList = field(
+        default_factory=lambda: [
+            "default",
+            "truncation=nearest",
+            "comparison=resharing",
+            "multiplication=ideal,truncation=ideal,comparison=ideal",
+        ]
+    )
     """Protocols, each as what differs from the default. *Ideal* variants, a trusted third party, are no
-    protocols and are marked so; local truncation is for two parties."""
-    steps: Annotated[int, COUNT] = 100
-    """Steps of the training whose loss is compared with float64; a multiple of 10."""
-    time_limit: Annotated[float, SECONDS] = 15
-    """Seconds: no such training where it would take longer; its steps are then timed alone."""
+    protocols and are marked so."""
+    repeat: Annotated[int | None, COUNT] = None
+    """Timed calls; by default as many as fit in a second, at least 3."""
     seed: Annotated[int, SEED] = 0
-    """Of the weights, the data, the shares and the protocols."""
-
-
-@dataclass
-class Report:
-    """Set all results beside the paper's, on one page and as tables.
-
-    OUT then holds the page (report.html, one file that loads nothing from elsewhere), the tables in Markdown
-    (paper.md), and the pictures. What has no result file is said to be missing, with the command that
-    makes it.
-
-    For example:
-
-        ciphernav report
-        ciphernav report --results results --out out/report --readme README.md
-    """
-
-    results: Path = Path("results")
-    """Folder with paper/*.json, bench.json and sweep.json, as far as they are there."""
-    out: Path = Path("out/report")
-    """Folder for the report."""
-    readme: Path | None = None
-    """A Markdown file whose blocks `<!-- report: NAME -->` to `<!-- end -->` are filled with the tables of
-    these names, and whose pictures in RESULTS/paper are replaced."""
+    """Of the shares and the protocols, and of the paper's classifier and its data."""

@@ -7,10 +7,14 @@
 - `sight`: where straight ahead an obstacle stands, in the robot's own view; not the paper's.
 """
 
-from ciphernav_jax.models.classifier import ActionClassifier
-from ciphernav_jax.models.convolution import Convolution
-from ciphernav_jax.models.encoders import MapEncoder, ViewEncoder
-from ciphernav_jax.models.navigator import Navigator
-from ciphernav_jax.models.sight import Sight
+from ciphernav_jax import extras
+
+extras.require("navigation", "ciphernav_jax.models")
+
+from ciphernav_jax.models.classifier import ActionClassifier  # noqa: E402
+from ciphernav_jax.models.convolution import Convolution  # noqa: E402
+from ciphernav_jax.models.encoders import MapEncoder, ViewEncoder  # noqa: E402
+from ciphernav_jax.models.navigator import Navigator  # noqa: E402
+from ciphernav_jax.models.sight import Sight  # noqa: E402
 
 __all__ = ["ActionClassifier", "Convolution", "MapEncoder", "Navigator", "Sight", "ViewEncoder"]

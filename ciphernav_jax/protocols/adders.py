@@ -25,7 +25,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import UInt64
 
-from ciphernav_jax.protocols.dealer import Dealer
+from ciphernav_jax.parties.dealer import Dealer
 from ciphernav_jax.protocols.multiply import conjunction
 from ciphernav_jax.protocols.suite import Adder
 

@@ -23,11 +23,12 @@ from jax import Array, lax
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
+from ciphernav_jax.parties.dealer import Dealer, Dealt
+from ciphernav_jax.parties.party import AXIS, from_party_zero, labelled, open_sum
+from ciphernav_jax.parties.requests import Mask, Zero
 from ciphernav_jax.protocols import adders, convert
-from ciphernav_jax.protocols.dealer import Dealer, Dealt, Mask, Zero
 from ciphernav_jax.protocols.masked import Masked
 from ciphernav_jax.protocols.multiply import conjunction
-from ciphernav_jax.protocols.party import AXIS, from_party_zero, labelled, open_sum
 from ciphernav_jax.protocols.suite import Adder
 from ciphernav_jax.ring import bits
 
@@ -86,7 +87,7 @@ def positive_from_opening(dealer: Dealer, c: UInt64[Array, "..."], mask: Dealt, 
         word = bits.pack(not_negative >> top & 1)
     else:
         public = ring.bit_slice(c - 1)
-        pairs = mask.shares.get("pairs")
+        pairs = mask.get("pairs")
         borrowed = borrow(dealer, public[:top], shared[:top], circuit.adder, pairs)
         word = shared[top] ^ borrowed ^ from_party_zero(~public[top])
     return convert.to_ring_bit(dealer, word, c.shape)

@@ -6,10 +6,11 @@ from jax import Array
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
+from ciphernav_jax.parties.dealer import Dealer
+from ciphernav_jax.parties.party import from_party_zero, labelled, open_sum, open_xor
+from ciphernav_jax.parties.requests import Mask, SharedBits
 from ciphernav_jax.protocols import adders
-from ciphernav_jax.protocols.dealer import Dealer, Mask, SharedBits
 from ciphernav_jax.protocols.masked import Masked, Term
-from ciphernav_jax.protocols.party import from_party_zero, labelled, open_sum, open_xor
 from ciphernav_jax.ring import bits
 
 

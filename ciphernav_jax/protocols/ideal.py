@@ -11,8 +11,9 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jaxtyping import UInt64
 
-from ciphernav_jax.protocols.dealer import Dealer, Mask, Zero
-from ciphernav_jax.protocols.party import from_party_zero, ideal_sum, labelled
+from ciphernav_jax.parties.dealer import Dealer
+from ciphernav_jax.parties.party import from_party_zero, ideal_sum, labelled
+from ciphernav_jax.parties.requests import Mask, Zero
 
 
 @labelled

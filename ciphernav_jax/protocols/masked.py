@@ -12,8 +12,9 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import UInt64
 
-from ciphernav_jax.protocols.dealer import Dealer, Mask, Ref
-from ciphernav_jax.protocols.party import from_party_zero, labelled, open_sum
+from ciphernav_jax.parties.dealer import Dealer
+from ciphernav_jax.parties.party import from_party_zero, labelled, open_sum
+from ciphernav_jax.parties.requests import Mask, Ref
 
 
 @dataclass(frozen=True)

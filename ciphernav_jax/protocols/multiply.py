@@ -11,9 +11,10 @@ from jax import Array
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
-from ciphernav_jax.protocols.dealer import AndTriple, Dealer, DotProduct, Product
+from ciphernav_jax.parties.dealer import Dealer
+from ciphernav_jax.parties.party import from_party_zero, labelled, open_xor
+from ciphernav_jax.parties.requests import AndTriple, DotProduct, Product
 from ciphernav_jax.protocols.masked import Masked
-from ciphernav_jax.protocols.party import from_party_zero, labelled, open_xor
 from ciphernav_jax.ring.linear import DimensionNumbers
 
 

@@ -5,11 +5,11 @@ from typing import NamedTuple
 from jax import Array
 from jaxtyping import UInt64
 
+from ciphernav_jax.parties.dealer import Dealer
+from ciphernav_jax.parties.party import labelled, open_sum
 from ciphernav_jax.protocols import compare, truncate
-from ciphernav_jax.protocols.dealer import Dealer
 from ciphernav_jax.protocols.masked import Masked
 from ciphernav_jax.protocols.multiply import multiply
-from ciphernav_jax.protocols.party import labelled, open_sum
 
 
 class Relu(NamedTuple):

@@ -1,7 +1,7 @@
 """Which variant of each protocol is used."""
 
 from dataclasses import dataclass, fields
-from typing import Literal, get_args, get_type_hints
+from typing import Any, Literal, get_args, get_type_hints
 
 from ciphernav_jax.ring.random import Generator
 
@@ -88,3 +88,43 @@ class Protocol:
             if getattr(self, field.name) != field.default
         ]
         return ", ".join(changed) or "default"
+
+    @staticmethod
+    def parse(text: str) -> "Protocol":
+        """The protocol that is written as `str` writes it: `default`, or what differs from it.
+
+        Raises:
+            ValueError: a field or a variant that `Protocol` does not have, or one said twice; the message
+                lists those it has.
+
+        Example:
+            >>> Protocol.parse("truncation=nearest, frac_bits=16").frac_bits
+            16
+        """
+        if text == "default":
+            return Protocol()
+        known = [field.name for field in fields(Protocol)]
+        chosen: dict[str, Any] = {}
+        for word in text.split(","):
+            name, equals, value = (part.strip() for part in word.partition("="))
+            if not equals or name not in known or name in chosen:
+                raise ValueError(
+                    f"cannot read the variant {word!r}: write NAME=VALUE, several names with commas, or "
+                    f"default; the names are {', '.join(known)}"
+                )
+            chosen[name] = value
+        try:
+            for name in chosen.keys() & {"frac_bits", "range_bits"}:
+                chosen[name] = _bits(name, chosen[name])
+            return Protocol(**chosen)
+        except ValueError as error:
+            raise ValueError(f"no variant {text!r}: {error}") from None
+
+
+def _bits(name: str, value: str) -> int | None:
+    if (name, value) == ("range_bits", "None"):
+        return None
+    try:
+        return int(value)
+    except ValueError:
+        raise ValueError(f"{name} is a number of bits, not {value!r}") from None

@@ -21,15 +21,21 @@ learns something of the low bits of the mask (Li et al., *Efficient 3PC for bina
 to maliciously-secure DNN inference*, USENIX Security 2023, for the former).
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import jax.numpy as jnp
 from jax import Array, lax
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
-from ciphernav_jax.protocols import compare, convert, sharing
-from ciphernav_jax.protocols.dealer import Dealer, Dealt, Mask, WrapCount
+from ciphernav_jax.parties import sharing
+from ciphernav_jax.parties.dealer import Dealer, Dealt
+from ciphernav_jax.parties.party import AXIS, from_party_zero, labelled, open_shares, open_sum
+from ciphernav_jax.parties.requests import Mask, WrapCount
+from ciphernav_jax.protocols import compare, convert
+from ciphernav_jax.protocols.ideal import ideal_truncation
 from ciphernav_jax.protocols.masked import Masked, Term
-from ciphernav_jax.protocols.party import AXIS, from_party_zero, labelled, open_shares, open_sum
 
 # Added before opening, so that a signed x in [-2^62, 2^62) becomes an unsigned one below 2^63.
 OFFSET_BITS = 62
@@ -81,7 +87,7 @@ def floor(dealer: Dealer, x: UInt64[Array, "..."], shift: int) -> Masked:
     high = from_opening(c, mask, shift)
     if not shift:
         return high
-    borrowed = compare.borrow(dealer, ring.bit_slice(c)[:shift], mask["bits"], pairs=mask.shares.get("pairs"))
+    borrowed = compare.borrow(dealer, ring.bit_slice(c)[:shift], mask["bits"], pairs=mask.get("pairs"))
     bit = convert.to_ring_bit(dealer, borrowed, c.shape)
     minus = tuple(term.negated() for term in bit.terms)
     return Masked(high.public - bit.public, high.terms + minus)
@@ -180,3 +186,38 @@ def local(x: UInt64[Array, "..."], shift: int) -> UInt64[Array, "..."]:
             f'local truncation is for two parties, got {parties}. Use Protocol(truncation="probabilistic").'
         )
     return jnp.where(lax.axis_index(AXIS) == 0, x >> shift, -((-x) >> shift))
+
+
+@dataclass(frozen=True)
+class Truncation:
+    """A variant, as `Protocol(truncation=NAME)` chooses it.
+
+    Attributes:
+        run: `run(dealer, x, shift)`, the truncated value as `Masked`, or this party's share of it.
+        error: of an entry, below so many units of the result, or at most; a party's share of it with
+            `of_each_party`.
+        fails: whether one in range may fail.
+        parties: the most that it is for; None for any number.
+        fresh_shares: whether the shares that it truncates must be uniform.
+        adds_half: whether it adds half a unit first, for which there must be room.
+        absorbed: whether it rounds as `from_opening`, so that a ReLU may truncate on the way (`relu`).
+    """
+
+    run: Callable[[Dealer, UInt64[Array, "..."], int], Masked | Array]
+    error: float = 1.0
+    of_each_party: bool = False
+    fails: bool = False
+    parties: int | None = None
+    fresh_shares: bool = False
+    adds_half: bool = False
+    absorbed: bool = False
+
+
+VARIANTS = {
+    "probabilistic": Truncation(probabilistic, absorbed=True),
+    "nearest": Truncation(nearest, error=0.5, adds_half=True),
+    "floor": Truncation(floor),
+    "wrap-count": Truncation(wrap_count, of_each_party=True, fails=True),
+    "local": Truncation(lambda _, x, shift: local(x, shift), fails=True, parties=2, fresh_shares=True),
+    "ideal": Truncation(ideal_truncation),
+}

@@ -1,8 +1,10 @@
-"""From functions on floats to functions on secrets.
+"""From functions on floats to functions on secrets. In import order:
 
 - `seal`: what `jax.tree.map` may do with the shares of a secret.
 - `fresh`: whether a random key is given twice, and to what.
 - `array`: `Secret`, `share`, `reveal`.
+- `resharing`: secrets handed on to other parties.
+- `arguments`: what a function is called with.
 - `places`: the line of the user's function that an operation comes from.
 - `bounds`: how large values may be.
 - `findings`: what the run finds of public numbers where they meet secrets.
@@ -11,10 +13,10 @@
 - `scaling`: products with public numbers.
 - `witness`: notes of a program's values and truncations, beside a float64 evaluation.
 - `rules`: one rule for each primitive.
-- `loops`: the rules of scan, while and cond.
-- `tournaments`: the rules of the largest and the smallest entry.
+- `evaluator`: a jaxpr on secrets, equation by equation.
+- `call`: one call, as a value.
 - `programs`: what is compiled, let go before memory maps run out.
-- `secure`: the jaxpr evaluator; `secure` and `deploy`.
+- `secure`: `secure` and `deploy`.
 - `simulate`: floats to floats through the protocol, differentiable.
 - `cost`: rounds, bytes and correlated randomness of a function, from its trace.
 - `transcript`: every message of a call.
@@ -27,6 +29,7 @@ from ciphernav_jax.secret.array import Secret, is_secret, reveal, share
 from ciphernav_jax.secret.audit import audit
 from ciphernav_jax.secret.cost import LAN, WAN, Cost, Network, cost
 from ciphernav_jax.secret.fresh import KeyReuseWarning
+from ciphernav_jax.secret.resharing import reshare
 from ciphernav_jax.secret.secure import deploy, secure
 from ciphernav_jax.secret.simulate import simulate
 from ciphernav_jax.secret.transcript import transcript
@@ -47,6 +50,7 @@ __all__ = [
     "cost",
     "deploy",
     "is_secret",
+    "reshare",
     "reveal",
     "secure",
     "share",

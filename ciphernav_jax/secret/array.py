@@ -13,7 +13,8 @@ from jaxtyping import UInt64
 
 from ciphernav_jax import ring
 from ciphernav_jax.jax_private import Tracer
-from ciphernav_jax.protocols import Protocol, sharing
+from ciphernav_jax.parties import sharing
+from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import fresh
 from ciphernav_jax.secret.seal import INSTEAD, LOST, is_array, require_moved_along, seal
@@ -132,6 +133,14 @@ class Secret:
             "a Secret has no public value. Compute on it inside secure(f), or open it with reveal(x)."
         )
 
+    def __getattr__(self, name: str) -> Any:
+        if not name.startswith("_") and hasattr(jax.Array, name):
+            raise AttributeError(
+                f"a Secret holds shares and has no `{name}`. Compute on its value inside a secure function: "
+                f"secure(lambda x: x.{name}...)(key, x)"
+            )
+        raise AttributeError(f"a Secret has no attribute {name!r}")
+
     __jax_array__ = __array__
     __array_ufunc__ = __array__
 
@@ -199,7 +208,9 @@ def is_secret(x: Any) -> bool:
     return isinstance(x, Secret)
 
 
-def share(key: Array, values: Any, *, parties: int, protocol: Protocol | None = None) -> Any:
+def share(
+    key: Array, values: Any, *, parties: int, protocol: Protocol | None = None, floats_only: bool = False
+) -> Any:
     """Splits real arrays into fresh additive shares.
 
     Args:
@@ -209,6 +220,7 @@ def share(key: Array, values: Any, *, parties: int, protocol: Protocol | None = 
             `protocol.bound` (2^(62 - 2 frac_bits); 4,194,304 by default) in magnitude, integers below 2^62.
         parties: P >= 2.
         protocol: gives the fractional bits of floats (bools and integers have none), and the generator.
+        floats_only: leave integers and bools as they are, public: the count of steps in an optimizer's state.
 
     Returns:
         The same pytree with a `Secret` for each array. Under `jit` an entry that is out of range or not
@@ -226,19 +238,22 @@ def share(key: Array, values: Any, *, parties: int, protocol: Protocol | None = 
     """
     protocol = protocol or Protocol()
     sharing.require_parties(parties)
+    fresh.require_key(key, "share")
     fresh.of_each_iteration(key, values, "share")
-    shared = share_all(key, values, parties, protocol)
+    shared = share_all(key, values, parties, protocol, floats_only)
     for path, leaf in jax.tree_util.tree_leaves_with_path(values):
         fresh.of_each_call(key, leaf, "share", where=jax.tree_util.keystr(path), how=protocol.frac_bits)
     return shared
 
 
-def share_all(key: Array, values: Any, parties: int, protocol: Protocol) -> Any:
+def share_all(key: Array, values: Any, parties: int, protocol: Protocol, floats_only: bool = False) -> Any:
     """What `share` does, whatever else the key has hidden."""
 
-    def shared(path: Any, leaf: Any) -> Secret:
+    def shared(path: Any, leaf: Any) -> Any:
         if is_secret(leaf):
             raise TypeError("a Secret is shared already: give it to secure functions as it is")
+        if floats_only and not jnp.issubdtype(jnp.result_type(leaf), np.floating):
+            return leaf
         return _share_array(keys.derive(key, "share", jax.tree_util.keystr(path)), leaf, parties, protocol)
 
     return jax.tree_util.tree_map_with_path(shared, values, is_leaf=is_secret)

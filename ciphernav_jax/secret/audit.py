@@ -28,14 +28,14 @@ def audit(step: Secure) -> Callable[..., tuple[Any, tuple[Array, Array]]]:
     require_step(step)
 
     @Compiled
-    def evaluate(key, args):
-        result, (notes, findings) = step.witnessed(key, args, Witness(step.protocol, beside=False))
+    def evaluate(key, given):
+        result, (notes, findings) = step.witnessed(key, given, Witness(step.protocol, beside=False))
         assert notes is not None
         counts = jnp.sum(notes.total["truncations"]), jnp.sum(notes.total["failed"])
         return (result, counts), findings
 
-    def audited(key: Array, *args: Any) -> tuple[Any, tuple[Array, Array]]:
-        counted, findings = evaluate(key, step.checked(key, args))
+    def audited(key: Array, *args: Any, **kwargs: Any) -> tuple[Any, tuple[Array, Array]]:
+        counted, findings = evaluate(key, step.checked(key, step.given(*args, **kwargs)))
         step.require_sound(key, findings)
         return counted
 

@@ -1,4 +1,4 @@
-"""How large a ring integer may be: the contract of `docs/ranges.md`, in integers.
+"""How large a ring integer may be: the contract of `docs/guide/ranges.md`, in integers.
 
 With f fractional bits, what is shared and each product before its truncation stay below 2^(62 - 2f) in
 magnitude, results below 2^(62 - f), each by at least a unit of the last place. All bounds are of the ring
@@ -8,6 +8,7 @@ integer, which is the value times 2^frac_bits; they are Python's integers, and i
 import numpy as np
 
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.protocols.truncate import VARIANTS
 
 SIGNED = 2**63 - 1
 """The largest magnitude whose sign the ring shows."""
@@ -50,5 +51,5 @@ def at_rest(protocol: Protocol, dtype: np.dtype) -> int:
 
 
 def truncatable(protocol: Protocol, shift: int) -> int:
-    """The largest that can be truncated by so many bits: below 2^62, to which "nearest" adds a half."""
-    return 2**62 - (1 << shift >> 1 if protocol.truncation == "nearest" else 0) - 1
+    """The largest that can be truncated by so many bits: below 2^62, with room for a half unit."""
+    return 2**62 - (1 << shift >> 1 if VARIANTS[protocol.truncation].adds_half else 0) - 1

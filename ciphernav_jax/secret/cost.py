@@ -8,16 +8,17 @@ from functools import partial
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from rich.console import Console, Group
 from rich.table import Table
 
-from ciphernav_jax.protocols.dealer import Plan, Request, corrected, deal, words_needed
-from ciphernav_jax.protocols.jaxprs import labels
-from ciphernav_jax.protocols.messages import Opening, depth, first_uses, openings
-from ciphernav_jax.protocols.repeat import OnCall, Repeated
-from ciphernav_jax.protocols.run import one_partys_jaxpr, online, plan
+from ciphernav_jax.parties.dealer import Plan, corrected, deal, words_needed
+from ciphernav_jax.parties.jaxprs import labels
+from ciphernav_jax.parties.messages import Opening, depth, first_uses, openings
+from ciphernav_jax.parties.repeat import OnCall, Repeated
+from ciphernav_jax.parties.requests import Request
+from ciphernav_jax.parties.run import one_partys_jaxpr, online, plan
+from ciphernav_jax.secret.array import is_secret
 from ciphernav_jax.secret.secure import Secure
 
 # Bytes.
@@ -46,7 +47,7 @@ class Delivery:
     """What the dealer sends of one request's values: uint64 words, to each party. What is uniform, all draw
     from their seeds; of any other value one party is sent its share.
 
-    `request` is the kind of it (`protocols.dealer`), `protocol` and `primitive` are those that use it first.
+    `request` is the kind of it (`parties.requests`), `protocol` and `primitive` are those that use it first.
     A request in the body of a loop counts for all iterations at once, under its own kind. `on_call` are the
     words that each iteration of a `while` adds, which the dealer deals as the loop runs.
     """
@@ -165,7 +166,7 @@ class Cost:
 
     @property
     def by_request(self) -> tuple[Row, ...]:
-        """The dealer's part by kind of request (`protocols.dealer`)."""
+        """The dealer's part by kind of request (`parties.requests`)."""
         return self._rows(lambda part: part.request if isinstance(part, Delivery) else None)
 
     def _rows(self, name: Callable[[Opening | Delivery], str | None]) -> tuple[Row, ...]:
@@ -258,7 +259,7 @@ class Cost:
         return text.getvalue().rstrip()
 
 
-def cost(step: Secure, *args: Any) -> Cost:
+def cost(step: Secure, *args: Any, **kwargs: Any) -> Cost:
     """Rounds and bytes of `step(key, *args)` for each party, and what the dealer sends. Nothing is run.
 
     Everything is read from the jaxpr of one party's program, the same that is run. An opening sends 8 bytes
@@ -269,8 +270,8 @@ def cost(step: Secure, *args: Any) -> Cost:
 
     Args:
         step: made by `secure` (or `deploy`).
-        args: its arguments without the key, or their shapes: `jax.eval_shape(partial(share, ...), ...)` and
-            `jax.ShapeDtypeStruct`.
+        args, kwargs: its arguments without the key, or their shapes: `jax.ShapeDtypeStruct`, and
+            `jax.eval_shape(partial(share, ...), ...)`.
 
     Returns:
         A `Cost`: `print` it, or take `as_dict()`, or `seconds(Network("mine", latency_s, bits_per_s))`.
@@ -280,20 +281,19 @@ def cost(step: Secure, *args: Any) -> Cost:
         What `step` would raise on these arguments.
     """
     require_step(step)
-    counted: list[Cost] = []
+    call = step.call(jax.eval_shape(_party_first, step.given(*args, **kwargs)))
+    needed = plan(call.program, call.parties, call.private, call.public)
+    key = jax.eval_shape(jax.random.key, 0)
+    supply = jax.eval_shape(partial(deal, plan=needed, parties=call.parties), key)
+    jaxpr, _ = one_partys_jaxpr(
+        online(call.program, needed), call.parties, (supply, call.private), call.public
+    )
+    handed = _deliveries(needed, call.parties, supply, first_uses(jaxpr.jaxpr))
+    return Cost(call.parties, openings(jaxpr), handed, sum(words_needed(needed, call.parties)))
 
-    def count(program, key, parties, private, public, mesh, generator):
-        needed = plan(program, parties, private, public)
-        supply = jax.eval_shape(partial(deal, plan=needed, parties=parties), key)
-        jaxpr, (mine, known) = one_partys_jaxpr(online(program, needed), parties, (supply, private), public)
-        handed = _deliveries(needed, parties, supply, first_uses(jaxpr.jaxpr))
-        uniform_words = sum(words_needed(needed, parties))
-        counted.append(Cost(parties, openings(jaxpr), handed, uniform_words))
-        mine = jax.tree.map(lambda x: jnp.zeros((parties, *x.shape), x.dtype), mine)
-        return mine, jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), known)
 
-    jax.eval_shape(lambda key, args: step.evaluate(key, args, count), jax.eval_shape(jax.random.key, 0), args)
-    return counted[0]
+def _party_first(args: Any) -> Any:
+    return jax.tree.map(lambda x: x.party_first() if is_secret(x) else x, args, is_leaf=is_secret)
 
 
 def require_step(step: Any) -> None:
@@ -339,7 +339,7 @@ def _deliveries(needed: Plan, parties: int, supply: Any, uses: dict[int, str]) -
 
 def _place(plan: Plan, number: int, name: str) -> tuple[tuple[int, ...], Request]:
     """The request that a value belongs to, and its number in the plan; in a body, the numbers on the way to
-    it (`protocols.repeat.Repeated` names its values by them).
+    it (`parties.repeat.Repeated` names its values by them).
     """
     request = plan.requests[number]
     if not isinstance(request, Repeated):

@@ -43,6 +43,19 @@ class KeyReuseWarning(UserWarning):
     """A random key was given twice, to hide two different things."""
 
 
+def require_key(key: Any, what: str) -> None:
+    """Raises TypeError where this is no random key; arguments as for `of_each_entry`."""
+    if isinstance(key, jax.Array) and (
+        jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or (key.dtype == jnp.uint32 and key.shape[-1:] == (2,))
+    ):
+        return
+    whose = "its owner's" if what == "share" else "the dealer's"
+    found = f"a Secret of {key.shape}" if type(key).__name__ == "Secret" else f"a {type(key).__name__}"
+    raise TypeError(
+        f"the first argument of {_called(what)} is {whose} random key, jax.random.key(seed), and not {found}"
+    )
+
+
 # --- vmap ---------------------------------------------------------------------------------------------
 
 

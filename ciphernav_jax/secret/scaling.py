@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array, lax
 
 from ciphernav_jax import ring
-from ciphernav_jax.protocols.party import AXIS
+from ciphernav_jax.parties.party import AXIS
 from ciphernav_jax.ring.linear import DimensionNumbers
 from ciphernav_jax.secret import bounds
 from ciphernav_jax.secret.findings import NotUsable

@@ -57,7 +57,7 @@ def simulate(
     def simulated(key: Array, args: tuple[Any, ...]) -> Any:
         key = _own_key(key, args)
         secrets = share_all(key, args, parties, protocol)
-        return reveal(step.computed(key, step.prepared(key, secrets)))
+        return reveal(step.computed(key, step.given(*secrets)))
 
     @cache
     def pullback() -> Callable[..., Any]:

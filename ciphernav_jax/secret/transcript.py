@@ -5,7 +5,7 @@ from typing import Any
 
 from jax import Array
 
-from ciphernav_jax.protocols.record import Message, run_recorded
+from ciphernav_jax.parties.recording import Message, run_recorded
 from ciphernav_jax.secret.cost import require_step
 from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.secure import Secure
@@ -29,17 +29,19 @@ def transcript(step: Secure) -> Callable[..., tuple[Any, tuple[Message, ...]]]:
     require_step(step)
 
     @Compiled
-    def evaluate(key, args):
-        seen: list[Message] = []
+    def evaluate(key, given):
+        call = step.call(given)
+        returned, messages = run_recorded(
+            call.program,
+            call.key_of_each(key),
+            call.parties,
+            call.private,
+            call.public,
+            step.protocol.generator,
+        )
+        return call.rebuild(returned)[0], messages
 
-        def watch(program, key, parties, private, public, mesh, generator):
-            results, messages = run_recorded(program, key, parties, private, public, generator)
-            seen.extend(messages)
-            return results
-
-        return step.evaluate(key, args, watch), tuple(seen)
-
-    def observed(key: Array, *args: Any) -> tuple[Any, tuple[Message, ...]]:
-        return evaluate(key, step.checked(key, args))
+    def observed(key: Array, *args: Any, **kwargs: Any) -> tuple[Any, tuple[Message, ...]]:
+        return evaluate(key, step.checked(key, step.given(*args, **kwargs)))
 
     return observed

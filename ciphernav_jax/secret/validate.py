@@ -13,6 +13,8 @@ from rich.console import Console, Group
 from rich.table import Table
 
 from ciphernav_jax.jax_private import Tracer
+from ciphernav_jax.protocols.truncate import VARIANTS
+from ciphernav_jax.secret.arguments import Arguments
 from ciphernav_jax.secret.cost import require_step
 from ciphernav_jax.secret.findings import Findings
 from ciphernav_jax.secret.places import Place
@@ -242,13 +244,13 @@ def validate(step: Secure, *, strict: bool = False) -> Callable[..., tuple[Any, 
     require_step(step)
 
     @Compiled
-    def evaluate(key: Array, args: tuple[Any, ...]) -> tuple[Any, Report, Findings]:
-        result, (notes, findings) = step.witnessed(key, args, Witness(step.protocol, beside=True))
+    def evaluate(key: Array, given: Arguments) -> tuple[Any, Report, Findings]:
+        result, (notes, findings) = step.witnessed(key, given, Witness(step.protocol, beside=True))
         assert notes is not None
         return result, Report(step.protocol.frac_bits, notes), findings
 
-    def validated(key: Array, *args: Any) -> tuple[Any, Report]:
-        result, report, findings = evaluate(key, step.checked(key, args))
+    def validated(key: Array, *args: Any, **kwargs: Any) -> tuple[Any, Report]:
+        result, report, findings = evaluate(key, step.checked(key, step.given(*args, **kwargs)))
         step.require_sound(key, findings)
         if strict:
             report.check()
@@ -276,9 +278,10 @@ def _range_lost(report: Report, row: Row) -> str:
             "fractional bits."
         )
     if row.failed:
+        may_fail = [name for name, variant in VARIANTS.items() if variant.fails]
         return (
             f"{at}{row.failed:,} of {row.truncations:,} truncations failed. What was truncated is out of "
-            'range, or the truncation may fail in range too, as all may but "probabilistic" and "nearest".'
+            f"range, or the truncation may fail in range too, as {', '.join(may_fail)} may."
         )
     return (
         f"{at}{row.wrong:,} of {row.values:,} comparisons are wrong. "

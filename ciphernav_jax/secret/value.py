@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,11 +22,13 @@ from jax import Array, lax
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
+from ciphernav_jax.jax_private import ClosedJaxpr, JaxprEqn
+from ciphernav_jax.parties.dealer import Dealer
+from ciphernav_jax.parties.party import from_party_zero
+from ciphernav_jax.parties.requests import Zero
 from ciphernav_jax.protocols import Protocol, compare, ideal, masked, multiply, truncate
 from ciphernav_jax.protocols import relu as relus
-from ciphernav_jax.protocols.dealer import Dealer, Zero
 from ciphernav_jax.protocols.masked import Masked
-from ciphernav_jax.protocols.party import from_party_zero
 from ciphernav_jax.ring.linear import DimensionNumbers
 from ciphernav_jax.secret import bounds
 from ciphernav_jax.secret.findings import Findings
@@ -43,15 +45,37 @@ Move = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class Context:
-    """What every operation in a program needs: the variants, where randomness comes from, who watches, the
-    line of the user's function that it comes from, and what was found of public numbers in this part.
+    """What every operation in a program needs.
+
+    Attributes:
+        protocol: the variants.
+        dealer: where randomness comes from.
+        evaluator: `evaluator(context, jaxpr, operands)` evaluates a closed jaxpr.
+        witness: who watches.
+        place: the line of the user's function that it comes from.
+        eqn: the equation that is evaluated, with the shapes and types of operands and results.
+        composed: whether that is part of the rule of another one (`secret.rules.registry.composed`).
+        findings: what was found of public numbers in this part.
     """
 
     protocol: Protocol
     dealer: Dealer
+    evaluator: "Callable[[Context, ClosedJaxpr, list[Any]], list[Any]]"
     witness: "Witness | None" = None
     place: Place = UNKNOWN
+    eqn: JaxprEqn | None = None
+    composed: bool = False
     findings: list[Findings] = field(default_factory=list)
+
+    def evaluate(self, jaxpr: ClosedJaxpr, operands: list[Any]) -> list[Any]:
+        """The results of a jaxpr on secrets and public arrays."""
+        return self.evaluator(self, jaxpr, operands)
+
+    @property
+    def result(self) -> Any:
+        """The shape and type that JAX gives the first result of the equation."""
+        assert self.eqn is not None
+        return self.eqn.outvars[0].aval
 
     def find(self, problem: str, found: Array) -> None:
         """A public number has met a secret; `found` says where it has this problem."""
@@ -160,7 +184,7 @@ class Value:
 
     def moved(self, move: Move, back: Move | None = None) -> "Value":
         """The same entries elsewhere, repeated, left out, or negated, as `move` says of arrays; `back` undoes
-        it, where that is easily said.
+        it where there are as many.
         """
         public, excess = (None if x is None else move(x) for x in (self.public, self.excess))
         result = Value(
@@ -174,7 +198,7 @@ class Value:
             fresh=self.fresh,
             coarse=None if self.coarse is None else lambda: self.shorter.moved(move),
         )
-        result._source = self, back
+        result._source = self, back if public is None and result.share.size == self.share.size else None
         return result
 
     # --- precision ---
@@ -237,21 +261,11 @@ class Value:
                 f"a value of {self.bound.bit_length()} bits was about to be truncated by {shift}: that "
                 "fails. This is a fault of ciphernav_jax, not yours: please report it with your function."
             )
-        dealer, share, form = self.context.dealer, None, None
-        match protocol.truncation:
-            case "probabilistic":
-                form = truncate.probabilistic(dealer, self.share, shift)
-            case "nearest":
-                form = truncate.nearest(dealer, self.share, shift)
-            case "floor":
-                form = truncate.floor(dealer, self.share, shift)
-            case "wrap-count":
-                share = truncate.wrap_count(dealer, self.share, shift)
-            case "local":
-                share = truncate.local(self._fresh_share(), shift)
-            case "ideal":
-                share = ideal.ideal_truncation(dealer, self.share, shift)
-        result = Value(self.context, frac_bits, -(-self.bound >> shift), share=share, form=form)
+        variant = truncate.VARIANTS[protocol.truncation]
+        share = self._fresh_share() if variant.fresh_shares else self.share
+        made = variant.run(self.context.dealer, share, shift)
+        like = partial(Value, self.context, frac_bits, -(-self.bound >> shift))
+        result = like(form=made) if isinstance(made, Masked) else like(share=made)
         if self.context.witness:
             self.context.witness.truncated(self, shift, result)
         return result
@@ -449,7 +463,8 @@ class Value:
         protocol, dealer = self.context.protocol, self.context.dealer
         shift = max(self.frac_bits - protocol.frac_bits, 0)
         x, plus = self._added or (self, None)
-        absorbs = protocol.truncation == "probabilistic" and x._may_absorb and (plus is None or x.truncatable)
+        may_absorb = truncate.VARIANTS[protocol.truncation].absorbed and x._may_absorb
+        absorbs = may_absorb and (plus is None or x.truncatable)
         by_opening = protocol.comparison in ("masked", "masked-words") and protocol.multiplication == "beaver"
         if not by_opening or (shift and not absorbs):
             return self.positive.times(self)

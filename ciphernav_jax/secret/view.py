@@ -8,10 +8,10 @@ import jax
 import numpy as np
 from jax import Array
 
-from ciphernav_jax.protocols import sharing
-from ciphernav_jax.protocols.dealer import deal
-from ciphernav_jax.protocols.record import Message, run_recorded
-from ciphernav_jax.protocols.run import plan
+from ciphernav_jax.parties import sharing
+from ciphernav_jax.parties.dealer import deal
+from ciphernav_jax.parties.recording import Message, run_recorded
+from ciphernav_jax.parties.run import plan
 from ciphernav_jax.secret.cost import require_step
 from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.secure import Secure
@@ -77,26 +77,24 @@ def view(step: Secure) -> Callable[..., tuple[Any, View]]:
     require_step(step)
 
     @Compiled
-    def evaluate(key, args):
-        seen: list[View] = []
+    def evaluate(key, given):
+        call, generator = step.call(given), step.protocol.generator
+        key = call.key_of_each(key)
+        returned, messages = run_recorded(
+            call.program, key, call.parties, call.private, call.public, generator
+        )
+        needed = plan(call.program, call.parties, call.private, call.public)
+        named = [
+            (shares, name in request.binary)
+            for request, values in zip(
+                needed.requests, deal(key, needed, call.parties, generator), strict=True
+            )
+            for name, shares in values.items()
+        ]
+        dealt, binary = zip(*named, strict=True) if named else ((), ())
+        return call.rebuild(returned)[0], View(tuple(call.private), dealt, messages, binary)
 
-        def watch(program, key, parties, private, public, mesh, generator):
-            results, messages = run_recorded(program, key, parties, private, public, generator)
-            needed = plan(program, parties, private, public)
-            named = [
-                (shares, name in request.binary)
-                for request, values in zip(
-                    needed.requests, deal(key, needed, parties, generator), strict=True
-                )
-                for name, shares in values.items()
-            ]
-            dealt, binary = zip(*named, strict=True) if named else ((), ())
-            seen.append(View(tuple(private), dealt, messages, binary))
-            return results
-
-        return step.evaluate(key, args, watch), seen[0]
-
-    def observed(key: Array, *args: Any) -> tuple[Any, View]:
-        return evaluate(key, step.checked(key, args))
+    def observed(key: Array, *args: Any, **kwargs: Any) -> tuple[Any, View]:
+        return evaluate(key, step.checked(key, step.given(*args, **kwargs)))
 
     return observed

@@ -21,8 +21,8 @@ from jax import Array, lax
 
 from ciphernav_jax import jax_private
 from ciphernav_jax.jax_private import JaxprEqn
+from ciphernav_jax.parties.party import AXIS, ideal_sum
 from ciphernav_jax.protocols import Protocol
-from ciphernav_jax.protocols.party import AXIS, ideal_sum
 from ciphernav_jax.secret.places import UNKNOWN, Place
 from ciphernav_jax.secret.value import Value
 

@@ -9,6 +9,7 @@ In import order; MiniWorld and OpenGL are touched only from `renderer` on, JAX n
 - `visibility`: which obstacles a view may contain.
 - `gl`: OpenGL, or a message that says what is missing.
 - `renderer`: views, drawn by MiniWorld.
+- `probe`: whether OpenGL works.
 - `topview`: a picture of the map, the obstacles, the cameras and a path.
 - `window`: shows pictures, for `render_mode="human"`.
 - `environment`: `ObstacleWorld`, the gymnasium environment.
@@ -17,9 +18,13 @@ In import order; MiniWorld and OpenGL are touched only from `renderer` on, JAX n
 - `generate`: the command line.
 """
 
-import gymnasium
+from ciphernav_jax import extras
 
-from ciphernav_jax.world.dataset import Dataset, load
+extras.require("navigation", "Obstacle World")
+
+import gymnasium  # noqa: E402
+
+from ciphernav_jax.world.dataset import Dataset, load  # noqa: E402
 
 ENVIRONMENT_ID = "ciphernav_jax/ObstacleWorld-v0"
 

@@ -102,6 +102,10 @@ class Dataset:
     obstacle_yaw: NDArray[np.float64]
     meta: dict[str, Any]
 
+    def __repr__(self) -> str:
+        split = self.meta.get("split", "made by hand")
+        return f"Dataset({split}: {len(self):,} environments, {len(self.views):,} views)"
+
     def __len__(self) -> int:
         return len(self.layout)
 

@@ -1,4 +1,4 @@
-"""OpenGL, or a message that says what is missing. `python -m ciphernav_jax.world.gl` probes it.
+"""OpenGL, or a message that says what is missing.
 
 MiniWorld draws with OpenGL through pyglet. Without a display pyglet renders headless by EGL;
 that has to be chosen before MiniWorld is imported, so all imports of it go through here.
@@ -40,29 +40,3 @@ def required() -> Iterator[None]:
             f"({type(error).__name__}: {error}).{hint} "
             f"On Debian or Ubuntu: apt-get install {' '.join(PACKAGES)}"
         ) from error
-
-
-def probe() -> str:
-    """Draws one view and returns the names of the GL renderer and its version.
-
-    Raises:
-        GLUnavailable: when that fails.
-    """
-    from ciphernav_jax.world.renderer import renderer
-
-    renderer().render(0, (), [0])
-    return renderer().gl
-
-
-def main() -> int:
-    """Prints the GL renderer, or what to install; 0 when OpenGL works, 1 otherwise."""
-    try:
-        print(probe())
-    except GLUnavailable as error:
-        print(error, file=sys.stderr)
-        return 1
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,6 +7,7 @@ arguments of `render`. One process owns one renderer; OpenGL does not survive a 
 
 import contextlib
 import io
+import os
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -24,6 +25,8 @@ with gl.required():
     from miniworld.entity import Ball, Box, Entity, MeshEnt
     from miniworld.miniworld import MiniWorldEnv, Room
     from miniworld.params import DEFAULT_PARAMS
+
+_OPENED_IN = os.getpid()  # by the imports above
 
 _PARAMS = DEFAULT_PARAMS.copy()
 _PARAMS.set("sky_color", [0.0, 0.0, 0.0])
@@ -101,13 +104,24 @@ class Renderer:
         return views
 
 
-@cache
 def renderer() -> Renderer:
     """This process's renderer, made on first use.
 
     Raises:
-        GLUnavailable: with the packages to install.
+        GLUnavailable: with the packages to install; or this process was forked from one that had opened
+            OpenGL, where it would wait for ever.
     """
+    if os.getpid() != _OPENED_IN:
+        raise gl.GLUnavailable(
+            "OpenGL does not survive a fork, and was opened before this process was forked. Start processes "
+            'afresh, gymnasium.make_vec(..., vector_kwargs={"context": "spawn"}), or use one: '
+            'vectorization_mode="sync".'
+        )
+    return _renderer()
+
+
+@cache
+def _renderer() -> Renderer:
     return Renderer()
 
 

@@ -25,9 +25,7 @@ def run(monkeypatch, *words):
         ("train", "--parties"),
         ("evaluate", "--model"),
         ("demo", "--workers"),
-        ("bench", "--peers"),
-        ("sweep", "--variant"),
-        ("report", "--readme"),
+        ("sweep", "--function"),
     ],
 )
 def test_every_command_has_help_with_examples_and_an_output_folder(monkeypatch, capsys, command, word):
@@ -79,13 +77,8 @@ def test_a_random_walk_refuses_what_it_would_ignore(monkeypatch, capsys, tmp_pat
         (["generate", "--count", str(10**12)], "--count must lie in"),
         (["generate", "--count", str(2 * 10**7)], "20,000,000 environments need at least"),
         (["generate", "--seed", "-1"], "--seed must lie in"),
-        (["bench", "--work"], "--work needs at least one value"),
-        (["bench", "--parties"], "--parties needs at least one value"),
-        (["bench", "--peers", "--time-limit", "nan"], "--time-limit must lie in"),
-        (["sweep", "--variant"], "--variant needs at least one value"),
-        (["sweep", "--steps", "15"], "--steps must be a multiple of 10"),
+        (["demo", "--parties"], "--parties needs at least one value"),
         (["demo", "--test", "0"], "--test must lie in"),
-        (["report", "--results", "nowhere"], "say with --results where"),
     ],
 )
 def test_options_out_of_range_are_named(monkeypatch, capsys, tmp_path, words, message):
@@ -130,7 +123,7 @@ def fail(error):
 def test_every_end_is_one_line_and_has_its_code(monkeypatch, capsys, happens, code, message):
     before = signal.getsignal(signal.SIGTERM)
     monkeypatch.setattr(cli, "_run", lambda command: happens())
-    assert run(monkeypatch, "report") == code
+    assert run(monkeypatch, "demo") == code
     error = capsys.readouterr().err
     assert error.startswith("ciphernav: ")
     assert message in error
@@ -139,7 +132,7 @@ def test_every_end_is_one_line_and_has_its_code(monkeypatch, capsys, happens, co
 
 
 def test_a_fault_of_the_program_keeps_its_traceback(monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["ciphernav", "report"])
+    monkeypatch.setattr(sys, "argv", ["ciphernav", "demo"])
     monkeypatch.setattr(cli, "_run", lambda command: fail(KeyError("a")))
     with pytest.raises(KeyError):
         cli.main()

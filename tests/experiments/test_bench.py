@@ -10,14 +10,14 @@ import pytest
 from rich.console import Console
 
 from ciphernav_jax import files
-from ciphernav_jax.cli.options import WorkName
-from ciphernav_jax.experiments import bench, floor, peers, variants
-from ciphernav_jax.experiments.growth import Turns, growth
-from ciphernav_jax.experiments.measure import Order, measure, summary
-from ciphernav_jax.experiments.peers import harness
-from ciphernav_jax.experiments.work import RATE, Sizes, error, works
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import share
+from experiments import bench, floor, peers
+from experiments.growth import Turns, growth
+from experiments.measure import Order, measure, summary
+from experiments.options import WorkName
+from experiments.peers import harness
+from experiments.work import RATE, Sizes, error, works
 from tests.patience import wait_for
 
 TINY = Sizes(widths=(6, 4, 3), forward=2, train=5, steps=2, relu=9, product=(3, 4, 5))
@@ -240,20 +240,6 @@ def test_one_that_cannot_be_installed_is_said_so(fake, tmp_path):
     results = run_peers(peer, tmp_path)
     assert [r["status"] for r in results] == ["not installed"] * 2
     assert "gone" in results[0]["detail"]
-
-
-def test_variants_in_words():
-    assert variants.parse("default") == Protocol()
-    chosen = Protocol(truncation="nearest", frac_bits=16)
-    assert variants.parse("truncation=nearest, frac_bits=16") == variants.parse(str(chosen)) == chosen
-    for wrong, message in (
-        ("nearest", "NAME=VALUE"),
-        ("rounding=up", "the names are"),
-        ("truncation=up", "the variants are"),
-        ("frac_bits=many", "number of bits"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            variants.parse(wrong)
 
 
 @pytest.mark.parametrize(

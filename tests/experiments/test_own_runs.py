@@ -7,8 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ciphernav_jax.experiments.paper import attack, exact, own_runs, reconstruction
-from ciphernav_jax.experiments.paper.exact import Sight
 from ciphernav_jax.navigation import classifier, policies, trained
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.features import Features
@@ -18,6 +16,8 @@ from ciphernav_jax.navigation.trained import Trained
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import is_secret, share
 from ciphernav_jax.world.grid import CELLS
+from experiments.paper import attack, exact, own_runs, reconstruction
+from experiments.paper.exact import Sight
 
 SEED, COUNT = 0, 5
 RECIPE = FreshClassifier(steps=1, batch=4)

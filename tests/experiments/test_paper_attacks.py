@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from ciphernav_jax import files
-from ciphernav_jax.experiments.paper import attack, queries, reconstruction
-from ciphernav_jax.experiments.paper.reconstruction import Look, Rows
 from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
 from ciphernav_jax.navigation import classifier
 from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.parties import CAMERAS, SLOTS
-from ciphernav_jax.protocols import sharing
+from ciphernav_jax.parties import sharing
 from ciphernav_jax.secret import share
 from ciphernav_jax.world.grid import CELLS, DOWN, LEFT, RIGHT, STOP, WALLS
+from experiments.paper import attack, queries, reconstruction
+from experiments.paper.reconstruction import Look, Rows
 
 RING = 11  # the layout without inner cells
 WIDTHS = [MAP_FEATURES if slot == "map" else VIEW_FEATURES for slot in SLOTS]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ciphernav_jax.experiments.paper import bounds
 from ciphernav_jax.world.grid import CELLS, WALLS
 from ciphernav_jax.world.planner import paths
+from experiments.paper import bounds
 
 RING = 11
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from flax import nnx
 
-from ciphernav_jax.experiments.paper import episodes
-from ciphernav_jax.experiments.report import shown
 from ciphernav_jax.models import Navigator
 from ciphernav_jax.navigation import features
 from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.rollout import Outcome, random_walk, rollout
+from experiments.paper import episodes
+from experiments.report import shown
 from tests.navigation.conftest import make
 
 WORLD = make(60, 5)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from ciphernav_jax import files
-from ciphernav_jax.experiments.paper import accuracy, beyond, fewest_steps, paper_recipe, runs
-from ciphernav_jax.experiments.paper.runs import Options, Row
-from ciphernav_jax.experiments.report import table
 from ciphernav_jax.navigation import metrics
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.rollout import random_walk
 from ciphernav_jax.navigation.sight import Looking
+from experiments.paper import accuracy, beyond, fewest_steps, paper_recipe, runs
+from experiments.paper.runs import Options, Row
+from experiments.report import table
 from tests.navigation.conftest import make
 
 TEACHER = Row("plaintext", "plaintext", EndToEnd(epochs=1, batch=60))
@@ -98,7 +98,7 @@ def test_the_report_asks_for_rows_that_the_scripts_make():
 def test_the_committed_results_are_of_the_rows_as_they_are():
     rows = {row.name: row for row in ROWS}
     found = 0
-    for path in (Path(__file__).parents[2] / "results" / "paper").glob("*.json"):
+    for path in (Path(__file__).parents[2] / "experiments" / "results" / "paper").glob("*.json"):
         document = json.loads(path.read_text())
         if "curve" in document:
             assert document["configuration"] == runs.configured(rows[document["row"]]), path

@@ -8,8 +8,10 @@ import pytest
 from PIL import Image
 
 from ciphernav_jax import files
-from ciphernav_jax.experiments.paper.attack import ATTACKERS
-from ciphernav_jax.experiments.report import (
+from ciphernav_jax.navigation import paper
+from ciphernav_jax.world.poses import IMAGE_SHAPE
+from experiments.paper.attack import ATTACKERS
+from experiments.report import (
     attacks,
     costs,
     driving,
@@ -20,9 +22,7 @@ from ciphernav_jax.experiments.report import (
     tables,
     write,
 )
-from ciphernav_jax.experiments.report.table import duration
-from ciphernav_jax.navigation import paper
-from ciphernav_jax.world.poses import IMAGE_SHAPE
+from experiments.report.table import duration
 
 MACHINE = {"machine": {"processor": "abacus", "cpus": 2}, "versions": {"jax": "1.2.3"}}
 
@@ -223,9 +223,7 @@ def test_careful_robots_stand_beside_the_same_trainings(loaded):
     assert cells["independent test set: alone"] == "7.50 ± 3.54"  # 1 and 2 of 20
     assert cells["unseen layouts: alone"] == "15.00 ± 7.07"
     assert [row(table, title)["unseen layouts: alone"] for title in titles[:2]] == ["", ""]
-    assert "python -m ciphernav_jax.experiments.paper.beyond --rows longer-5 beyond-5" in " ".join(
-        table.missing
-    )
+    assert "python -m experiments paper beyond --rows longer-5 beyond-5" in " ".join(table.missing)
 
 
 def test_what_training_in_secret_takes(loaded):
@@ -290,8 +288,8 @@ def test_what_is_missing_is_said_with_the_command_that_makes_it(tmp_path):
         "own_runs",
         "episodes",
     ):
-        assert f"ciphernav_jax.experiments.paper.{script}" in text
-    assert "ciphernav sweep" in text
+        assert f"python -m experiments paper {script}" in text
+    assert "python -m experiments sweep" in text
     with pytest.raises(FileNotFoundError, match="--results"):
         results.load(tmp_path / "nowhere")
 
@@ -354,6 +352,7 @@ def test_the_files_are_whole(folder):
     write.run(folder, folder / "out")
     made = {path.name for path in (folder / "out").iterdir()}
     assert {"report.html", "paper.md", "overall.png", "curves.png", "episodes.png", "episode.gif"} <= made
+    assert "noise.png" in made
     assert not any(name.endswith(".part") for name in made)
     assert "variants.png" not in made  # without a sweep
     assert np.asarray(Image.open(folder / "out" / "success-by-length.png")).std() > 10

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from ciphernav_jax import files
-from ciphernav_jax.cli.options import VARIANTS
-from ciphernav_jax.experiments import process, sweep, variants
-from ciphernav_jax.experiments.failures import failures
-from ciphernav_jax.experiments.training import gradient_of_first_step, sgd_step, training
-from ciphernav_jax.experiments.trial import Effort, Trial, result_of
-from ciphernav_jax.experiments.work import RATE, Sizes, squared_error
 from ciphernav_jax.protocols import Protocol
+from experiments import process, sweep
+from experiments.failures import failures
+from experiments.options import VARIANTS
+from experiments.training import gradient_of_first_step, sgd_step, training
+from experiments.trial import Effort, Trial, result_of
+from experiments.work import RATE, Sizes, squared_error
 
 TINY = Effort(Sizes(widths=(6, 4, 3), forward=4, train=10), steps=4, chunk=2, truncations=1 << 10)
 DEFAULT = Protocol()
@@ -21,7 +21,7 @@ UNIT = 2.0**-20
 
 
 def test_the_default_variants_are_all_different_and_begin_with_the_default():
-    protocols = [variants.parse(text) for text in VARIANTS]
+    protocols = [Protocol.parse(text) for text in VARIANTS]
     assert len(set(protocols)) == len(VARIANTS)
     assert protocols[0] == Protocol()
 

@@ -3,11 +3,12 @@ import operator
 
 import numpy as np
 import pytest
-from simulated import elements, on_shares, words
 
 from ciphernav_jax import ring
+from ciphernav_jax.parties.party import from_party_zero
 from ciphernav_jax.protocols import adders
-from ciphernav_jax.protocols.party import from_party_zero
+
+from ..parties.simulated import elements, on_shares, words
 
 ADDERS = ["carry-tree", "kogge-stone", "brent-kung", "ripple"]
 WIDTHS = [1, 2, 3, 5, 20, 31, 32, 63, 64]

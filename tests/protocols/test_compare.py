@@ -3,12 +3,14 @@ import operator
 
 import numpy as np
 import pytest
-from simulated import PARTIES, WHOLE_RING, elements, on_secrets, on_shares, signed, words
 
 from ciphernav_jax import ring
-from ciphernav_jax.protocols import compare, sharing
-from ciphernav_jax.protocols.dealer import Mask
-from ciphernav_jax.protocols.party import open_sum
+from ciphernav_jax.parties import sharing
+from ciphernav_jax.parties.party import open_sum
+from ciphernav_jax.parties.requests import Mask
+from ciphernav_jax.protocols import compare
+
+from ..parties.simulated import PARTIES, WHOLE_RING, elements, on_secrets, on_shares, signed, words
 
 ADDERS = ["carry-tree", "kogge-stone", "brent-kung", "ripple"]
 # Variant, layout, adder.

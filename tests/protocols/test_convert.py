@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
-from simulated import PARTIES, WHOLE_RING, elements, on_secrets, on_shares, words
 
 from ciphernav_jax import ring
-from ciphernav_jax.protocols import convert, sharing
-from ciphernav_jax.protocols.dealer import SharedBits
+from ciphernav_jax.parties import sharing
+from ciphernav_jax.parties.requests import SharedBits
+from ciphernav_jax.protocols import convert
 from ciphernav_jax.ring import bits
+
+from ..parties.simulated import PARTIES, WHOLE_RING, elements, on_secrets, on_shares, words
 
 SHAPE = (9, 22)
 

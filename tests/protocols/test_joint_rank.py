@@ -24,9 +24,9 @@ from jax import lax
 from jax.extend.core import Primitive
 
 import ciphernav_jax as cn
+from ciphernav_jax.parties.party import from_party_zero, open_sum
+from ciphernav_jax.parties.requests import Mask
 from ciphernav_jax.protocols import compare, convert, masked, suite, truncate
-from ciphernav_jax.protocols.dealer import Mask
-from ciphernav_jax.protocols.party import from_party_zero, open_sum
 from ciphernav_jax.secret import bounds, view
 from ciphernav_jax.secret.rules import RULES
 from ciphernav_jax.secret.value import Value

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from simulated import EDGES, PARTIES, elements, on_secrets, uniformity, views, words
 
 from ciphernav_jax.protocols import masked
+
+from ..parties.simulated import EDGES, PARTIES, elements, on_secrets, uniformity, views, words
 
 
 def opened(dealer, x):

@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
-from simulated import MODULUS, PARTIES, WHOLE_RING, elements, on_secrets, on_shares, words
 
 from ciphernav_jax import ring
-from ciphernav_jax.protocols import convert, multiply, sharing, truncate
-from ciphernav_jax.protocols.dealer import SharedBits
+from ciphernav_jax.parties import sharing
+from ciphernav_jax.parties.requests import SharedBits
+from ciphernav_jax.protocols import convert, multiply, truncate
 from ciphernav_jax.protocols.masked import open_masked
+
+from ..parties.simulated import MODULUS, PARTIES, WHOLE_RING, elements, on_secrets, on_shares, words
 
 
 def python_product(x, y):

@@ -3,9 +3,10 @@ import functools
 import numpy as np
 import pytest
 from scipy import stats
-from simulated import PARTIES, WHOLE_RING, elements, on_secrets, signed, words
 
 from ciphernav_jax.protocols import relu
+
+from ..parties.simulated import PARTIES, WHOLE_RING, elements, on_secrets, signed, words
 
 
 @functools.cache

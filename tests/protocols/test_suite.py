@@ -35,8 +35,22 @@ def test_products_within_the_bound_are_within_the_range_of_truncation(frac_bits)
 def test_protocols_import_nothing_of_what_is_built_on_them():
     program = """
 import sys
-import ciphernav_jax.protocols.relu, ciphernav_jax.protocols.run
+import ciphernav_jax.protocols.relu, ciphernav_jax.parties.run
 above = ("ciphernav_jax.secret", "ciphernav_jax.models", "ciphernav_jax.navigation", "flax", "optax")
 assert not [n for n in sys.modules if n.startswith(above)]
 """
     subprocess.run([sys.executable, "-c", program], check=True, timeout=PATIENCE_S)
+
+
+def test_a_protocol_is_parsed_from_words():
+    assert Protocol.parse("default") == Protocol()
+    chosen = Protocol(truncation="nearest", frac_bits=16)
+    assert Protocol.parse("truncation=nearest, frac_bits=16") == Protocol.parse(str(chosen)) == chosen
+    for wrong, message in (
+        ("nearest", "NAME=VALUE"),
+        ("rounding=up", "the names are"),
+        ("truncation=up", "the variants are"),
+        ("frac_bits=many", "number of bits"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Protocol.parse(wrong)

@@ -1,14 +1,16 @@
 import functools
 import math
+from typing import get_args
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
-from simulated import EDGES, PARTIES, elements, on_secrets, signed, words
 
-from ciphernav_jax.experiments.failures import failures
-from ciphernav_jax.protocols import Protocol, ideal, truncate
+from ciphernav_jax.protocols import Protocol, ideal, suite, truncate
+from experiments.failures import failures
+
+from ..parties.simulated import EDGES, PARTIES, elements, on_secrets, signed, words
 
 SHIFTS = [*range(1, 41), 61, 62]
 FEW = [1, 20, 40, 62]
@@ -222,3 +224,10 @@ def test_shift_zero_changes_nothing():
 
     for got in on_secrets(program, 2)(8, x):
         np.testing.assert_array_equal(got, x)
+
+
+def test_every_variant_is_described():
+    """What other parts of the library, the tables and the tests read of it."""
+    assert set(truncate.VARIANTS) == set(get_args(suite.Truncation))
+    assert [name for name, variant in truncate.VARIANTS.items() if variant.fails] == ["wrap-count", "local"]
+    assert [name for name, variant in truncate.VARIANTS.items() if variant.parties] == ["local"]

@@ -21,8 +21,8 @@ import numpy as np
 
 import ciphernav_jax as cn
 from ciphernav_jax.jax_private import Literal
-from ciphernav_jax.protocols.dealer import deal
-from ciphernav_jax.protocols.run import one_partys_jaxpr, online, plan
+from ciphernav_jax.parties.dealer import deal
+from ciphernav_jax.parties.run import one_partys_jaxpr, online, plan
 
 from ..patience import PATIENCE_S
 from .training import training_step
@@ -174,20 +174,16 @@ def open_all(waiting, rank, link):
         result.content = (jnp.asarray(rows.sum(axis=0, dtype=np.uint64) if name == "psum" else rows),)
 
 
-def run_as(rank, link):
-    """Runs a program as one party; the shares that come out are this party's alone."""
-
-    def run(program, key, parties, private, public, mesh, generator):
-        needed = plan(program, parties, private, public)
-        supply = jax.jit(partial(deal, plan=needed, parties=parties, generator=generator))(key)
-        private = supply, private
-        jaxpr, shapes = one_partys_jaxpr(online(program, needed), parties, private, public)
-        own = jax.tree.map(lambda x: np.asarray(x)[rank], private)
-        results = evaluate(jaxpr, jax.tree.leaves((own, public)), rank, link)
-        mine, known = jax.tree.unflatten(jax.tree.structure(shapes), results)
-        return jax.tree.map(lambda x: x[None], mine), known
-
-    return run
+def run_as(call, key, rank, link):
+    """The results of a call that is run as one party; the shares that come out are this party's alone."""
+    needed = plan(call.program, call.parties, call.private, call.public)
+    dealing = partial(deal, plan=needed, parties=call.parties, generator=call.protocol.generator)
+    private = jax.jit(dealing)(key), call.private
+    jaxpr, shapes = one_partys_jaxpr(online(call.program, needed), call.parties, private, call.public)
+    own = jax.tree.map(lambda x: np.asarray(x)[rank], private)
+    results = evaluate(jaxpr, jax.tree.leaves((own, call.public)), rank, link)
+    mine, known = jax.tree.unflatten(jax.tree.structure(shapes), results)
+    return call.rebuild((jax.tree.map(lambda x: x[None], mine), known))[0]
 
 
 def main() -> None:
@@ -196,7 +192,7 @@ def main() -> None:
     counts = {}
     for name, (step, key, args) in calls().items():
         link.messages = link.bytes = 0
-        result = step.evaluate(key, args, run_as(rank, link))
+        result = run_as(step.call(step.given(*args)), key, rank, link)
         np.savez(out / f"{name}{rank}.npz", *jax.tree.leaves(result))
         counts[name] = {"messages": link.messages, "bytes": link.bytes}
     (out / f"counts{rank}.json").write_text(json.dumps(counts))

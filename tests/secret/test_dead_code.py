@@ -1,4 +1,4 @@
-"""What no result is made of costs nothing, wherever it stands. (All that a while loop carries is computed.)"""
+"""What no result is made of costs nothing, wherever it stands; but for what a while loop carries."""
 
 import jax
 import jax.numpy as jnp

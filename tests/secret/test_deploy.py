@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ciphernav_jax as cn
-from ciphernav_jax.protocols import party
+from ciphernav_jax.parties import party
 
 from ..patience import PATIENCE_S
 from .party_process import PARTIES, everything, inputs

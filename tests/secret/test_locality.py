@@ -14,9 +14,9 @@ from jax import lax
 from jax.experimental import io_callback
 
 import ciphernav_jax as cn
-from ciphernav_jax.experiments import primitives
+from ciphernav_jax.parties.party import AXIS, open_sum
 from ciphernav_jax.protocols import suite
-from ciphernav_jax.protocols.party import AXIS, open_sum
+from experiments import primitives
 
 pytestmark = pytest.mark.newest_jax
 

@@ -1,4 +1,4 @@
-"""Whatever is done to values within the contract of docs/ranges.md comes out right, up to its ends.
+"""Whatever is done to values within the contract of docs/guide/ranges.md comes out right, up to its ends.
 
 Each function is computed on secrets and, independently, in float64 by numpy. With f fractional bits, one unit
 is 2^-f and R = 2^(62 - 2f) is what shared values and products stay below. A bound counts truncations, each
@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import ciphernav_jax as cn
-from ciphernav_jax.protocols.party import ideal_sum
-from ciphernav_jax.protocols.run import plan
+from ciphernav_jax.parties.party import ideal_sum
+from ciphernav_jax.parties.run import plan
+from ciphernav_jax.secret.arguments import Arguments
 from ciphernav_jax.secret.value import Value
 from ciphernav_jax.secret.witness import Witness
 
@@ -259,7 +260,7 @@ def test_no_value_exceeds_its_bound():
 
     @partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
     def exceeding(key, *args):
-        _, (notes, _) = step.witnessed(key, args, Bounded(protocol, beside=False))
+        _, (notes, _) = step.witnessed(key, step.given(*args), Bounded(protocol, beside=False))
         return notes.total["failed"], notes.total["truncations"]
 
     failed, truncations = exceeding(jax.random.key(1), shared, public(f))
@@ -282,10 +283,6 @@ LARGE = {
 }
 
 
-class Planned(Exception):
-    pass
-
-
 @pytest.mark.parametrize(
     "protocol",
     [
@@ -306,18 +303,12 @@ def test_no_bits_run_out_for_a_thousand_million_entries(protocol, count):
         chosen = HUGE if count > 10**6 else HUGE | LARGE
         return {name: function(x, p) for name, function in chosen.items()}
 
-    def planned(program, key, parties, private, public, *_):
-        assert len(plan(program, parties, private, public).requests) > 30
-        raise Planned
-
-    step = cn.secure(functions, protocol=protocol)
-    with pytest.raises(Planned):
-        jax.eval_shape(
-            lambda key, x, p: step.evaluate(
-                key, (cn.share(key, x, parties=2, protocol=protocol), p), planned
-            ),
-            *(jax.random.key(0), jax.ShapeDtypeStruct((), float), jax.ShapeDtypeStruct((count,), float)),
-        )
+    key, scalar = jax.random.key(0), jax.ShapeDtypeStruct((), float)
+    x = jax.eval_shape(partial(cn.share, parties=2, protocol=protocol), key, scalar)
+    call = cn.secure(functions, protocol=protocol).call(
+        Arguments((x, jax.ShapeDtypeStruct((count,), float)), {})
+    )
+    assert len(plan(call.program, 2, call.private, call.public).requests) > 30
 
 
 def test_range_bits_hold_for_what_is_compared():
@@ -394,7 +385,7 @@ def test_a_quotient_by_a_number_is_a_scaling_by_a_constant():
 @pytest.mark.parametrize(("frac_bits", "once", "masked"), [(16, 6, 10), (20, 5, 9), (24, 4, 8)])
 @pytest.mark.parametrize("magnitude", [0, 10, 30])
 def test_a_scaling_takes_as_many_truncations_as_documented(frac_bits, once, masked, magnitude):
-    """docs/ranges.md and `scaling._times_float`: what is at rest, and what is larger than any result."""
+    """docs/guide/ranges.md and `scaling._times_float`: what is at rest, and what is beyond any result."""
     protocol = cn.Protocol(frac_bits=frac_bits)
     x = cn.share(jax.random.key(0), np.array([0.5, 0.25]), parties=2, protocol=protocol)
     c = np.array([1.1 * 2.0**magnitude, 1.1 * 2.0**-50])

@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 
 import ciphernav_jax as cn
-from ciphernav_jax.protocols import masked, sharing
-from ciphernav_jax.protocols.dealer import Mask, Request
-from ciphernav_jax.protocols.party import open_sum
-from ciphernav_jax.protocols.record import run_recorded
+from ciphernav_jax.parties import sharing
+from ciphernav_jax.parties.party import open_sum
+from ciphernav_jax.parties.recording import run_recorded
+from ciphernav_jax.parties.requests import Mask, Request
+from ciphernav_jax.protocols import masked
 
-from ..protocols.simulated import joint_uniformity
+from ..parties.simulated import joint_uniformity
 from .message_process import calls
 
 pytestmark = pytest.mark.newest_jax

@@ -12,8 +12,8 @@ import pytest
 from jax import lax
 
 import ciphernav_jax as cn
-from ciphernav_jax.experiments import primitives
-from ciphernav_jax.experiments.work import works
+from experiments import primitives
+from experiments.work import works
 
 KEY = jax.random.key(1)
 BIG = np.full(4, 3000.0)  # its square does not fit

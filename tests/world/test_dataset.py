@@ -45,6 +45,7 @@ def test_shapes_dtypes_and_counts(arguments, small):
     assert small.detour.sum() == n / 2
     assert small.meta["seed"] == 0
     assert small.meta["versions"]["miniworld"]
+    assert repr(small) == f"Dataset({small.meta['split']}: {n} environments, {v:,} views)"
 
 
 def test_every_free_cell_has_views_and_none_is_kept_twice(small):

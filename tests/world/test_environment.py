@@ -155,3 +155,31 @@ def test_render_modes(env):
     assert (env.render() != before).any()
     with pytest.raises(ValueError, match="render_mode='text'"):
         ObstacleWorld(render_mode="text")
+
+
+FORKED = """
+import gymnasium, ciphernav_jax
+make = lambda: gymnasium.make_vec(
+    "ciphernav_jax/ObstacleWorld-v0", num_envs=2, vectorization_mode="async", vector_kwargs={"context": %r}
+)
+if __name__ == "__main__":
+    env = make()
+    env.reset(seed=0)
+    env.close()
+    print("done")
+"""
+
+
+@pytest.mark.parametrize("context", ["fork", "spawn"])
+def test_processes_that_are_forked_say_so_and_those_started_afresh_work(tmp_path, context):
+    """A fork would wait for ever in its first reset."""
+    script = tmp_path / "script.py"
+    script.write_text(FORKED % context)
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    if context == "spawn":
+        assert done.stdout == "done\n", done.stderr
+    else:
+        assert done.returncode != 0
+        assert 'vector_kwargs={"context": "spawn"}' in done.stderr

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from ciphernav_jax.world import gl
+from ciphernav_jax.world import probe
 from tests.patience import PATIENCE_S
 
 
@@ -25,7 +25,7 @@ def assert_says_what_to_install(result):
     assert len(result.stderr.strip().splitlines()) == 1
 
 
-PROBE = "import sys; from ciphernav_jax.world import gl; sys.exit(gl.main())"
+PROBE = "import sys; from ciphernav_jax.world import probe; sys.exit(probe.main())"
 
 # ctypes loads no library with this in its name, as if it were not installed.
 WITHOUT = """
@@ -42,11 +42,14 @@ ctypes.util.find_library = lambda name: None if name == "{library}" else find(na
 
 def test_probe_names_the_renderer():
     result = subprocess.run(
-        [sys.executable, "-m", "ciphernav_jax.world.gl"], capture_output=True, text=True, timeout=PATIENCE_S
+        [sys.executable, "-m", "ciphernav_jax.world.probe"],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
     )
     assert result.returncode == 0, result.stderr
     assert "OpenGL" in result.stdout
-    assert result.stdout.strip() == gl.probe()
+    assert result.stdout.strip() == probe.probe()
 
 
 @pytest.mark.parametrize("library", ["GLU", "EGL"])

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 import ciphernav_jax as cn
+from ciphernav_jax.protocols.truncate import VARIANTS
 
 from .operations import BODIES
 
@@ -77,10 +78,11 @@ class Reference:
     def __init__(self, protocol: cn.Protocol, parties: int):
         f = protocol.frac_bits
         self.f, self.unit = f, 2.0**-f
-        self.truncation = self.unit * (parties if protocol.truncation == "wrap-count" else 1)
+        variant = VARIANTS[protocol.truncation]
+        self.truncation = self.unit * (parties if variant.of_each_party else 1)
         self.most, self.product_bound = 2.0 ** (61 - f), 2.0 ** (62 - 2 * f)
-        if protocol.truncation in ("wrap-count", "local"):
-            # These fail with probability |x| / 2^64: here below 2^-18.
+        if variant.fails:
+            # They fail with probability |x| / 2^64: here below 2^-18.
             self.most = self.product_bound = 2.0 ** (46 - 2 * f)
         self.compared = min(self.most, 2.0 ** (protocol.range_bits or 64))
 

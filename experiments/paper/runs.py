@@ -1,0 +1,286 @@
+"""A row of a table: trained, driven in both test sets, and written as one JSON file for each seed.
+
+OUT/world/train        15,000 training environments
+OUT/world/validation, validation-unseen   2,250 each, drawn as the test sets are, to choose recipes by
+OUT/world/test         2,250 drawn independently of training, as the paper does
+OUT/world/unseen       2,250 without any layout-with-obstacles that training has
+OUT/models/ROW-SEED    a training folder; killed, it goes on to the same bits
+OUT/models/sight-SEED  that of a robot's own eyes
+RESULTS/ROW-SEED.json  configuration, seed, versions, machine, seconds, curve and raw counts
+"""
+
+import functools
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from rich.console import Console
+
+from ciphernav_jax import provenance
+from ciphernav_jax.command_line import SEED, read
+from ciphernav_jax.files import read_json, write_json
+from ciphernav_jax.models.classifier import ACTIONS
+from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
+from ciphernav_jax.navigation import classifier, metrics, trained
+from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.navigation.methods import METHODS
+from ciphernav_jax.navigation.parties import SLOTS, cast
+from ciphernav_jax.navigation.plain import EndToEnd
+from ciphernav_jax.navigation.policies import best_action
+from ciphernav_jax.navigation.progress import bar
+from ciphernav_jax.navigation.rollout import Episodes, random_walk
+from ciphernav_jax.navigation.samples import start_headings, training_samples
+from ciphernav_jax.navigation.sight import Looking
+from ciphernav_jax.secret import cost, secure, share
+from ciphernav_jax.world import dataset
+from ciphernav_jax.world.dataset import Dataset
+from ciphernav_jax.world.grid import STOP
+
+console = Console(highlight=False)
+
+TRAIN, TEST = 15_000, 2_250
+TEST_SETS = ("test", "unseen")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method with its recipe.
+
+    Attributes:
+        name: of its files; the table's titles are `metrics.title`'s.
+        method: "random", one of `METHODS`, "plaintext-classifier", "secret" or "alone".
+        recipe: how it is trained; None for the random walk, for a robot alone, and where `drives` is said.
+        parties: who share a secret training.
+        teacher: the row whose encoders a fresh classifier keeps, of the same seed.
+        drives: the row whose training, of the same seed, drives; None for one of this row's own.
+        eyes: how they are trained, of a robot that uses what it alone knows (`rollout.Careful`).
+    """
+
+    name: str
+    method: str
+    recipe: EndToEnd | FreshClassifier | None = None
+    parties: int | None = None
+    teacher: str = "plaintext"
+    drives: str | None = None
+    eyes: Looking | None = None
+
+
+@dataclass
+class Options:
+    """What every script can be told."""
+
+    seeds: Annotated[list[int], SEED, tyro.conf.arg(metavar="S [S ...]")] = field(
+        default_factory=lambda: [0, 1, 2]
+    )
+    """One run each; everything random in it comes from its seed, but for the data sets."""
+    out: Path = Path("out/paper")
+    """Folder for the data sets and the training folders; several GB."""
+    results: Path = Path("experiments/results/paper")
+    """Folder for the JSON files. A run that has its file there is not done again."""
+
+
+def world(name: str, out: Path) -> Dataset:
+    """A data set in `out`, generated where it is missing; the training set takes five minutes."""
+    folder = out / "world"
+    if name == "train":
+        return dataset.generate("train", TRAIN, 0, folder / name)
+    unseen_by = None
+    if name.endswith("unseen"):
+        world("train", out)
+        unseen_by = folder / "train"
+    split = "validation" if name.startswith("validation") else "test"
+    return dataset.generate(split, TEST, 0, folder / name, unseen_by=unseen_by)
+
+
+@dataclass
+class RowOptions(Options):
+    """The options of a script whose results are rows."""
+
+    rows: Annotated[list[str], tyro.conf.arg(metavar="ROW [ROW ...]")] = field(default_factory=list)
+    """Which rows."""
+
+
+def script(doc: str | None, rows: Sequence[Row], default: RowOptions, teachers: Sequence[Row] = ()) -> None:
+    """The main program of a script: its rows with all seeds, and a table of them.
+
+    Args:
+        doc: the script's docstring, which `--help` shows.
+        rows: what can be asked for.
+        default: the options when nothing is asked for.
+        teachers: other rows whose encoders these keep.
+
+    Raises:
+        ValueError: a row that is not there.
+    """
+    args = read(default, doc)
+    known = {row.name: row for row in rows}
+    if unknown := [name for name in args.rows if name not in known]:
+        raise ValueError(f"no row {', '.join(unknown)}; the rows are {', '.join(known)}")
+    counts = {}
+    for name in args.rows:
+        for seed in args.seeds:
+            document = run_row(known[name], seed, known | {row.name: row for row in teachers}, args)
+            counts[f"{name}, seed {seed}"] = document["results"]["test"]["counts"]
+    console.print(metrics.table(counts, "On the independent test set"))
+
+
+def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> dict[str, Any]:
+    """Train, drive and write RESULTS/ROW-SEED.json, unless it is there.
+
+    Returns:
+        What the file holds: row, seed, configuration, versions, machine, at; seconds of the training (with
+        compile apart) and of the driving; curve; results: for each test set counts and by_length (see
+        `by_length`); for a classifier epochs, how often it went over its samples; and for a secret training
+        cost: of a step and of a decision, see `Cost.as_dict`. Of careful robots the training is that of their
+        eyes, and results say in `alone` how many came to plan for themselves.
+
+    Raises:
+        ValueError: the file there is of another configuration.
+    """
+    path = options.results / f"{row.name}-{seed}.json"
+    configuration = configured(row)
+    if path.exists():
+        document = read_json(path)
+        if document.get("configuration") != configuration:
+            raise ValueError(f"{path} is of another configuration; remove it, or choose another --results")
+        return document
+
+    console.print(f"{row.name}, seed {seed}")
+    driver, curve = _driver(row, seed, teachers, options)
+    seconds: dict[str, float] = {
+        "train": sum(point["seconds"] for point in curve),
+        "compile": sum(point.get("compile_seconds", 0.0) for point in curve),
+    }
+    results = {}
+    for name in TEST_SETS:
+        environments = world(name, options.out)
+        began = time.perf_counter()
+        episodes = driver(environments)
+        seconds[f"drive {name}"] = time.perf_counter() - began
+        results[name] = {
+            "counts": metrics.tally(environments, episodes),
+            "by_length": by_length(environments, episodes),
+        }
+        if episodes.alone is not None:
+            results[name]["alone"] = int(episodes.alone.sum())
+    document = {
+        "row": row.name,
+        "seed": seed,
+        "configuration": configuration,
+        "versions": provenance.versions(),
+        "machine": provenance.machine(),
+        "at": provenance.now(),
+        "seconds": {name: round(value, 3) for name, value in seconds.items()},
+        "curve": curve,
+        "results": results,
+    }
+    if isinstance(row.recipe, FreshClassifier):
+        document["epochs"] = round(epochs(row.recipe, seed, options), 3)
+        if row.parties:
+            document["cost"] = costs(row.recipe, row.parties)
+            document["held"] = {party.name: party.slots for party in cast(row.parties)}
+    write_json(path, document)
+    return read_json(path)
+
+
+def configured(row: Row) -> dict[str, Any]:
+    """What a result file says of its row and of the data; a file that says otherwise is of another run."""
+    return {"row": asdict(row), "train": TRAIN, "test": TEST}
+
+
+def train(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> Path:
+    """The training folder of a row, trained where it is not yet; its teacher before."""
+    folder = options.out / "models" / f"{row.name}-{seed}"
+    environments = world("train", options.out)
+    if isinstance(row.recipe, EndToEnd):
+        with bar(f"{row.name}, seed {seed}") as report:
+            trained.train_end_to_end(environments, row.method, row.recipe, seed, folder, report)
+    else:
+        assert row.recipe is not None, "a random walk is not trained"
+        teacher = trained.load(train(teachers[row.teacher], seed, teachers, options))[1]
+        with bar(f"{row.name}, seed {seed}") as report:
+            trained.train_classifier(environments, teacher, row.recipe, seed, folder, report, row.parties)
+    return folder
+
+
+def _driver(
+    row: Row, seed: int, teachers: dict[str, Row], options: Options
+) -> tuple[Callable[[Dataset], Episodes], list[dict]]:
+    """How it drives in a data set, and its training curve; of careful robots that of their eyes."""
+    if row.method == "random":
+        return lambda environments: random_walk(environments, seed), []
+    eyes, curve = _eyes(row.eyes, seed, options) if row.eyes else (None, [])
+    if row.method == "alone":
+        return functools.partial(_drive_alone, eyes=eyes), curve
+    folder = train(teachers[row.drives] if row.drives else row, seed, teachers, options)
+    config, model = trained.load(folder)
+
+    def drive(environments: Dataset) -> Episodes:
+        return trained.drive(environments, config, model, seed, eyes=eyes)
+
+    return drive, curve or trained.curve(folder)
+
+
+def _eyes(recipe: Looking, seed: int, options: Options) -> tuple[Any, list[dict]]:
+    """Weights of a robot's sight, trained where they are not yet, and the curve of that."""
+    folder = options.out / "models" / f"sight-{seed}"
+    with bar(f"sight, seed {seed}") as report:
+        weights = trained.train_sight(world("train", options.out), recipe, seed, folder, report)
+    return weights, trained.curve(folder)
+
+
+def _drive_alone(environments: Dataset, eyes: Any) -> Episodes:
+    """Nobody answers: the robot plans for itself from the start."""
+
+    def silence(step: int, cells: NDArray[np.int64], headings: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.full(len(cells), STOP)
+
+    headings = start_headings(environments, METHODS["plaintext"])
+    return trained.drive_carefully(environments, silence, headings, eyes)
+
+
+def epochs(recipe: FreshClassifier, seed: int, options: Options) -> float:
+    """How often a training goes over its samples."""
+    samples = training_samples(
+        world("train", options.out), METHODS["plaintext"], seed, recipe.errands, recipe.stray
+    )
+    return recipe.steps * recipe.batch / len(samples)
+
+
+def by_length(environments: Dataset, episodes: Episodes) -> dict[str, metrics.Counts]:
+    """The counts of `metrics.tally` for each length of the shortest path, in moves without the stop."""
+    lengths = (np.asarray(environments.actions) > 0).sum(axis=1)
+    return {
+        str(length): metrics.tally(environments, episodes, lengths == length)
+        for length in np.unique(lengths).tolist()
+    }
+
+
+@functools.cache
+def costs(recipe: FreshClassifier, parties: int) -> dict[str, Any]:
+    """Rounds and bytes of a training step and of one robot's decision, from traces alone."""
+    weights = classifier.initial(0)
+    state = (weights, jax.tree.map(jnp.zeros_like, weights), jnp.float32(0))
+
+    def slots(rows: int) -> tuple[np.ndarray, ...]:
+        return tuple(
+            np.zeros((rows, MAP_FEATURES if slot == "map" else VIEW_FEATURES), np.float32) for slot in SLOTS
+        )
+
+    def shapes(values: Any) -> Any:
+        return jax.eval_shape(lambda key: share(key, values, parties=parties), jax.random.key(0))
+
+    def step(state, slots, labels, decay):
+        return classifier.sgd_step(state, slots, labels, decay, recipe)
+
+    batch = (slots(recipe.batch), np.zeros((recipe.batch, ACTIONS), np.float32))
+    training = cost(secure(step), *shapes((state, *batch)), np.float32(1))
+    decision = cost(secure(best_action), *shapes((weights, slots(1))))
+    return {"training step": training.as_dict(), "decision": decision.as_dict()}
