@@ -194,8 +194,7 @@ class Truncation:
 
     Attributes:
         run: `run(dealer, x, shift)`, the truncated value as `Masked`, or this party's share of it.
-        error: of an entry, below so many units of the result, or at most; a party's share of it with
-            `of_each_party`.
+        of_each_party: whether each party's share errs by itself: P units and not one.
         fails: whether one in range may fail.
         parties: the most that it is for; None for any number.
         fresh_shares: whether the shares that it truncates must be uniform.
@@ -204,7 +203,6 @@ class Truncation:
     """
 
     run: Callable[[Dealer, UInt64[Array, "..."], int], Masked | Array]
-    error: float = 1.0
     of_each_party: bool = False
     fails: bool = False
     parties: int | None = None
@@ -215,7 +213,7 @@ class Truncation:
 
 VARIANTS = {
     "probabilistic": Truncation(probabilistic, absorbed=True),
-    "nearest": Truncation(nearest, error=0.5, adds_half=True),
+    "nearest": Truncation(nearest, adds_half=True),
     "floor": Truncation(floor),
     "wrap-count": Truncation(wrap_count, of_each_party=True, fails=True),
     "local": Truncation(lambda _, x, shift: local(x, shift), fails=True, parties=2, fresh_shares=True),

@@ -239,21 +239,25 @@ def share(
     protocol = protocol or Protocol()
     sharing.require_parties(parties)
     fresh.require_key(key, "share")
-    fresh.of_each_iteration(key, values, "share")
-    shared = share_all(key, values, parties, protocol, floats_only)
-    for path, leaf in jax.tree_util.tree_leaves_with_path(values):
+    hidden = jax.tree.map(_floats, values, is_leaf=is_secret) if floats_only else values
+    fresh.of_each_iteration(key, hidden, "share")
+    shared = share_all(key, hidden, parties, protocol)
+    for path, leaf in jax.tree_util.tree_leaves_with_path(hidden):
         fresh.of_each_call(key, leaf, "share", where=jax.tree_util.keystr(path), how=protocol.frac_bits)
-    return shared
+    return jax.tree.map(lambda x, made: x if made is None else made, values, shared)
 
 
-def share_all(key: Array, values: Any, parties: int, protocol: Protocol, floats_only: bool = False) -> Any:
+def _floats(leaf: Any) -> Any:
+    """None in place of integers and bools, which a pytree passes over."""
+    return leaf if is_secret(leaf) or jnp.issubdtype(jnp.result_type(leaf), np.floating) else None
+
+
+def share_all(key: Array, values: Any, parties: int, protocol: Protocol) -> Any:
     """What `share` does, whatever else the key has hidden."""
 
-    def shared(path: Any, leaf: Any) -> Any:
+    def shared(path: Any, leaf: Any) -> Secret:
         if is_secret(leaf):
             raise TypeError("a Secret is shared already: give it to secure functions as it is")
-        if floats_only and not jnp.issubdtype(jnp.result_type(leaf), np.floating):
-            return leaf
         return _share_array(keys.derive(key, "share", jax.tree_util.keystr(path)), leaf, parties, protocol)
 
     return jax.tree_util.tree_map_with_path(shared, values, is_leaf=is_secret)

@@ -35,7 +35,7 @@ def audit(step: Secure) -> Callable[..., tuple[Any, tuple[Array, Array]]]:
         return (result, counts), findings
 
     def audited(key: Array, *args: Any, **kwargs: Any) -> tuple[Any, tuple[Array, Array]]:
-        counted, findings = evaluate(key, step.checked(key, step.given(*args, **kwargs)))
+        counted, findings = evaluate(key, step.checked(key, *args, **kwargs))
         step.require_sound(key, findings)
         return counted
 

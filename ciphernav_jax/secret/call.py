@@ -13,8 +13,10 @@ from jax.sharding import Mesh
 from ciphernav_jax import jax_private, ring
 from ciphernav_jax.jax_private import Jaxpr, Tracer
 from ciphernav_jax.parties import run
+from ciphernav_jax.parties.dealer import Plan
 from ciphernav_jax.parties.locality import equations, leaves
 from ciphernav_jax.parties.party import from_party_zero
+from ciphernav_jax.parties.recording import Message, run_recorded
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import bounds, fresh
 from ciphernav_jax.secret.arguments import Arguments
@@ -49,8 +51,8 @@ class Call:
         public: the other arguments.
         rebuild: of what the program returns the function's results; the notes of its witness, None without
             one; and what was found of public numbers. Where something was, all secret results are poisoned.
-        hidden: all that the dealer's randomness hides, or that decides what is hidden.
-        closed_over: what of it the function reads by itself, of a trace around the call.
+        given: the arguments; the dealer's randomness hides them, and what is closed over.
+        closed_over: what the function reads by itself, of a trace around the call.
         protocol: the variants.
     """
 
@@ -59,21 +61,31 @@ class Call:
     private: list[Any]
     public: list[Any]
     rebuild: Callable[[tuple[Any, Any]], tuple[Any, Noted]]
-    hidden: Any
+    given: Arguments
     closed_over: list[Tracer]
     protocol: Protocol
 
     def run(self, key: Array, mesh: Mesh | None = None) -> tuple[Any, Noted]:
         """The results, from the dealer's random key; see `rebuild`."""
-        key = self.key_of_each(key)
-        returned = run.run(
-            self.program, key, self.parties, self.private, self.public, mesh, self.protocol.generator
-        )
+        key, generator = self.key_of_each(key), self.protocol.generator
+        returned = run.run(self.program, key, self.parties, self.private, self.public, mesh, generator)
         return self.rebuild(returned)
+
+    def recorded(self, key: Array) -> tuple[Any, tuple[Message, ...]]:
+        """As `run`, simulated: the results alone, and all messages."""
+        key, generator = self.key_of_each(key), self.protocol.generator
+        returned, messages = run_recorded(
+            self.program, key, self.parties, self.private, self.public, generator
+        )
+        return self.rebuild(returned)[0], messages
+
+    def plan(self) -> Plan:
+        """What the program asks the dealer for. Nothing is run."""
+        return run.plan(self.program, self.parties, self.private, self.public)
 
     def key_of_each(self, key: Array) -> Array:
         """The key; raises under a `vmap` with one key for all entries."""
-        return fresh.of_each_entry(key, self.hidden, "step")
+        return fresh.of_each_entry(key, (self.given, self.closed_over), "step")
 
 
 def call(
@@ -144,7 +156,7 @@ def call(
         [x.shares for x in secrets],
         [x for x in leaves if not isinstance(x, Secret)],
         rebuild,
-        (given, closed_over),
+        given,
         closed_over,
         protocol,
     )

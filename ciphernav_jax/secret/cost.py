@@ -17,7 +17,7 @@ from ciphernav_jax.parties.jaxprs import labels
 from ciphernav_jax.parties.messages import Opening, depth, first_uses, openings
 from ciphernav_jax.parties.repeat import OnCall, Repeated
 from ciphernav_jax.parties.requests import Request
-from ciphernav_jax.parties.run import one_partys_jaxpr, online, plan
+from ciphernav_jax.parties.run import one_partys_jaxpr, online
 from ciphernav_jax.secret.array import is_secret
 from ciphernav_jax.secret.secure import Secure
 
@@ -282,7 +282,7 @@ def cost(step: Secure, *args: Any, **kwargs: Any) -> Cost:
     """
     require_step(step)
     call = step.call(jax.eval_shape(_party_first, step.given(*args, **kwargs)))
-    needed = plan(call.program, call.parties, call.private, call.public)
+    needed = call.plan()
     key = jax.eval_shape(jax.random.key, 0)
     supply = jax.eval_shape(partial(deal, plan=needed, parties=call.parties), key)
     jaxpr, _ = one_partys_jaxpr(

@@ -50,9 +50,9 @@ def require_key(key: Any, what: str) -> None:
     ):
         return
     whose = "its owner's" if what == "share" else "the dealer's"
-    found = f"a Secret of {key.shape}" if type(key).__name__ == "Secret" else f"a {type(key).__name__}"
     raise TypeError(
-        f"the first argument of {_called(what)} is {whose} random key, jax.random.key(seed), and not {found}"
+        f"the first argument of {_called(what)} is {whose} random key, jax.random.key(seed), and not a "
+        f"{type(key).__name__}"
     )
 
 

@@ -34,12 +34,13 @@ _MOVED = (
 )
 # The primitives of JAX that move entries, between devices as well. Others may be refused only as they are
 # compiled, which nothing is that leaves no trace in a result.
-_MOVES = """
+_NAMED = """
     all_gather all_gather_invariant all_to_all broadcast_in_dim concatenate copy copy_p device_put
     dynamic_slice dynamic_update_slice gather mesh_cast optimization_barrier pad pbroadcast ppermute pvary
     reshape reshard rev scatter select_n sharding_constraint slice split squeeze stack stop_gradient tile
     transpose unstack
 """
+_MOVES = frozenset(_NAMED.split())
 # Of numpy, what changes entries and computes nothing that could be refused.
 _CHANGES = {np.ones_like, np.full_like, np.empty_like, np.sort, np.partition, np.tril, np.triu}
 _COMPUTES = """
@@ -150,7 +151,7 @@ def require_moved_along(shares: Any, found: Any, rank: int, parties: int) -> Non
         raise ValueError(_MOVED.format(what=f"what made {shape[axis]} rows of those of {parties} parties"))
     if found.shape != _without_parties(shape, axis):
         raise ValueError(_MOVED.format(what="something"))
-    if isinstance(found, Tracer) and (others := jax_private.sealed_by(found) - set(_MOVES.split())):
+    if isinstance(found, Tracer) and (others := jax_private.sealed_by(found) - _MOVES):
         raise TypeError(_REFUSAL.format(what=f"`{min(others)}`"))
 
 

@@ -51,7 +51,7 @@ class Secure:
 
     def __call__(self, key: Array, *args: Any, **kwargs: Any) -> Any:
         """Evaluates the function; `key` is the dealer's random key, fresh for each call."""
-        return self.computed(key, self.checked(key, self.given(*args, **kwargs)))
+        return self.computed(key, self.checked(key, *args, **kwargs))
 
     def given(self, *args: Any, **kwargs: Any) -> Arguments:
         """The arguments of a call, ready to be traced."""
@@ -70,10 +70,11 @@ class Secure:
         findings.check()
         fresh.of_each_iteration(key, self.closed_over, "step")
 
-    def checked(self, key: Array, given: Arguments) -> Arguments:
-        """The arguments as they are; raises where `key` is no key, or not a fresh one."""
+    def checked(self, key: Array, *args: Any, **kwargs: Any) -> Arguments:
+        """What `given` gives; raises where `key` is no key, or not a fresh one."""
         require_x64()
         fresh.require_key(key, "step")
+        given = self.given(*args, **kwargs)
         fresh.of_each_iteration(key, given, "step")
         how = (id(self.function), self.protocol, given.static)
         fresh.of_each_call(key, given, "step", how=how)

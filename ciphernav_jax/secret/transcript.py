@@ -5,7 +5,7 @@ from typing import Any
 
 from jax import Array
 
-from ciphernav_jax.parties.recording import Message, run_recorded
+from ciphernav_jax.parties.recording import Message
 from ciphernav_jax.secret.cost import require_step
 from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.secure import Secure
@@ -30,18 +30,9 @@ def transcript(step: Secure) -> Callable[..., tuple[Any, tuple[Message, ...]]]:
 
     @Compiled
     def evaluate(key, given):
-        call = step.call(given)
-        returned, messages = run_recorded(
-            call.program,
-            call.key_of_each(key),
-            call.parties,
-            call.private,
-            call.public,
-            step.protocol.generator,
-        )
-        return call.rebuild(returned)[0], messages
+        return step.call(given).recorded(key)
 
     def observed(key: Array, *args: Any, **kwargs: Any) -> tuple[Any, tuple[Message, ...]]:
-        return evaluate(key, step.checked(key, step.given(*args, **kwargs)))
+        return evaluate(key, step.checked(key, *args, **kwargs))
 
     return observed

@@ -250,7 +250,7 @@ def validate(step: Secure, *, strict: bool = False) -> Callable[..., tuple[Any, 
         return result, Report(step.protocol.frac_bits, notes), findings
 
     def validated(key: Array, *args: Any, **kwargs: Any) -> tuple[Any, Report]:
-        result, report, findings = evaluate(key, step.checked(key, step.given(*args, **kwargs)))
+        result, report, findings = evaluate(key, step.checked(key, *args, **kwargs))
         step.require_sound(key, findings)
         if strict:
             report.check()

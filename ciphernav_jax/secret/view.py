@@ -10,8 +10,7 @@ from jax import Array
 
 from ciphernav_jax.parties import sharing
 from ciphernav_jax.parties.dealer import deal
-from ciphernav_jax.parties.recording import Message, run_recorded
-from ciphernav_jax.parties.run import plan
+from ciphernav_jax.parties.recording import Message
 from ciphernav_jax.secret.cost import require_step
 from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.secure import Secure
@@ -78,23 +77,19 @@ def view(step: Secure) -> Callable[..., tuple[Any, View]]:
 
     @Compiled
     def evaluate(key, given):
-        call, generator = step.call(given), step.protocol.generator
-        key = call.key_of_each(key)
-        returned, messages = run_recorded(
-            call.program, key, call.parties, call.private, call.public, generator
-        )
-        needed = plan(call.program, call.parties, call.private, call.public)
+        call = step.call(given)
+        results, messages = call.recorded(key)
+        needed = call.plan()
+        supply = deal(key, needed, call.parties, step.protocol.generator)
         named = [
             (shares, name in request.binary)
-            for request, values in zip(
-                needed.requests, deal(key, needed, call.parties, generator), strict=True
-            )
+            for request, values in zip(needed.requests, supply, strict=True)
             for name, shares in values.items()
         ]
         dealt, binary = zip(*named, strict=True) if named else ((), ())
-        return call.rebuild(returned)[0], View(tuple(call.private), dealt, messages, binary)
+        return results, View(tuple(call.private), dealt, messages, binary)
 
     def observed(key: Array, *args: Any, **kwargs: Any) -> tuple[Any, View]:
-        return evaluate(key, step.checked(key, step.given(*args, **kwargs)))
+        return evaluate(key, step.checked(key, *args, **kwargs))
 
     return observed

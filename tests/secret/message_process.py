@@ -22,7 +22,7 @@ import numpy as np
 import ciphernav_jax as cn
 from ciphernav_jax.jax_private import Literal
 from ciphernav_jax.parties.dealer import deal
-from ciphernav_jax.parties.run import one_partys_jaxpr, online, plan
+from ciphernav_jax.parties.run import one_partys_jaxpr, online
 
 from ..patience import PATIENCE_S
 from .training import training_step
@@ -176,7 +176,7 @@ def open_all(waiting, rank, link):
 
 def run_as(call, key, rank, link):
     """The results of a call that is run as one party; the shares that come out are this party's alone."""
-    needed = plan(call.program, call.parties, call.private, call.public)
+    needed = call.plan()
     dealing = partial(deal, plan=needed, parties=call.parties, generator=call.protocol.generator)
     private = jax.jit(dealing)(key), call.private
     jaxpr, shapes = one_partys_jaxpr(online(call.program, needed), call.parties, private, call.public)

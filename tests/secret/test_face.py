@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import warnings
 from pathlib import Path
 
 import jax
@@ -132,3 +133,14 @@ def test_integers_may_stay_public():
     assert isinstance(shared["mean"], cn.Secret)
     assert shared["count"] is state["count"]
     assert shared["done"] is state["done"]
+
+
+def test_integers_that_stay_public_are_not_hidden_by_the_key():
+    """The same floats once more, with another count: nothing leaks, and nothing is warned of."""
+    key, mean = jax.random.key(21), jnp.array([0.5, 1.5])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", cn.KeyReuseWarning)
+        for count in (3, 4):
+            cn.share(key, {"count": jnp.int32(count), "mean": mean}, parties=2, floats_only=True)
+    with pytest.warns(cn.KeyReuseWarning):
+        cn.share(key, {"count": 4, "mean": mean + 1}, parties=2, floats_only=True)

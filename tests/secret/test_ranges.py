@@ -14,7 +14,6 @@ import pytest
 
 import ciphernav_jax as cn
 from ciphernav_jax.parties.party import ideal_sum
-from ciphernav_jax.parties.run import plan
 from ciphernav_jax.secret.arguments import Arguments
 from ciphernav_jax.secret.value import Value
 from ciphernav_jax.secret.witness import Witness
@@ -308,7 +307,7 @@ def test_no_bits_run_out_for_a_thousand_million_entries(protocol, count):
     call = cn.secure(functions, protocol=protocol).call(
         Arguments((x, jax.ShapeDtypeStruct((count,), float)), {})
     )
-    assert len(plan(call.program, 2, call.private, call.public).requests) > 30
+    assert len(call.plan().requests) > 30
 
 
 def test_range_bits_hold_for_what_is_compared():
