@@ -9,6 +9,7 @@ In import order; each imports only from those above it.
 - `lifeline`: child processes that end with their parent.
 - `command_line`: ranges of options, and how a command ends.
 - `provenance`: on what and when a result was made.
+- `tables`: tables for a terminal and in Markdown, and a bar.
 - `ring`: arithmetic of the integers modulo 2^64: fixed point, products, bits, randomness.
 - `parties`: how one party's program is run and watched; the dealer.
 - `protocols`: what parties compute on shares: products, truncation, comparison.

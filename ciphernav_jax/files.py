@@ -101,6 +101,13 @@ def write_bytes(path: Path, data: bytes) -> None:
     os.replace(aside, path)
 
 
+def write_png(path: Path, figure: Any, *, dpi: int) -> None:
+    """A figure of matplotlib's, whole or not at all."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=dpi)
+    write_bytes(path, file.getvalue())
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text as `write_bytes` does."""
     write_bytes(path, text.encode())

@@ -4,7 +4,6 @@
 - `options`: what each command can be told.
 - `floor`: what a work needs at least, at rates measured on the spot.
 - `process`: a process for each measurement, which ends with its parent.
-- `tables`: tables for a terminal and in Markdown, a bar.
 - `measure`: one work, one number of parties, one process.
 - `growth`: one work, all numbers of parties in turns, one process.
 - `peers`: other frameworks on the same work, each in a virtual environment of its own.

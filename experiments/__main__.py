@@ -1,4 +1,4 @@
-"""`python -m experiments bench | sweep | report | primitives | programs | paper NAME`.
+"""`python -m experiments bench | sweep | report | primitives | pages | programs | paper NAME`.
 
 What a command needs is imported when it runs, so that `--help` is quick.
 """
@@ -9,7 +9,7 @@ import sys
 import tyro
 
 from ciphernav_jax import command_line
-from experiments.options import Bench, Primitives, Programs, Report, Sweep
+from experiments.options import Bench, Pages, Primitives, Programs, Report, Sweep
 
 PAPER = (
     "accuracy",
@@ -38,6 +38,7 @@ def main() -> None:
                 "sweep": Sweep,
                 "report": Report,
                 "primitives": Primitives,
+                "pages": Pages,
                 "programs": Programs,
             },
             prog="python -m experiments",
@@ -60,7 +61,7 @@ def _paper(words: list[str]) -> None:
     importlib.import_module(f"experiments.paper.{name}").main()
 
 
-def _run(command: Bench | Sweep | Report | Primitives | Programs) -> None:
+def _run(command: Bench | Sweep | Report | Primitives | Pages | Programs) -> None:
     match command:
         case Bench():
             from ciphernav_jax.protocols import Protocol
@@ -96,6 +97,10 @@ def _run(command: Bench | Sweep | Report | Primitives | Programs) -> None:
             from experiments import primitives
 
             print(primitives.markdown(), end="")
+        case Pages():
+            from experiments import pages
+
+            pages.write()
         case Programs():
             from experiments import programs
 

@@ -15,14 +15,14 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from ciphernav_jax import files, provenance
+from ciphernav_jax import files, provenance, tables
 from ciphernav_jax.files import write_json, write_text
 from ciphernav_jax.parties.sharing import require_parties
 from ciphernav_jax.protocols import Protocol
-from experiments import floor, growth, measure, peers, process, tables
+from ciphernav_jax.tables import ms
+from experiments import floor, growth, measure, peers, process
 from experiments.growth import Turns
 from experiments.measure import Order
-from experiments.tables import ms
 from experiments.work import Sizes, Work, works
 
 # What we want on two cores with the default protocol, in seconds.

@@ -6,7 +6,8 @@ from typing import Annotated, Literal, get_args
 
 import tyro
 
-from ciphernav_jax.command_line import COUNT, PARTIES, SECONDS, SEED
+from ciphernav_jax.cli.options import PartiesList, VariantList
+from ciphernav_jax.command_line import COUNT, SECONDS, SEED
 
 WorkName = Literal["product", "relu", "forward-public", "forward", "train", "train-loop"]
 
@@ -29,9 +30,6 @@ VARIANTS = (
     "multiplication=ideal",
     "multiplication=ideal,truncation=ideal,comparison=ideal",
 )
-
-PartiesList = Annotated[list[int], PARTIES, tyro.conf.arg(metavar="P [P ...]")]
-VariantList = Annotated[list[str], tyro.conf.arg(metavar="VARIANT [VARIANT ...]")]
 
 
 @dataclass
@@ -139,6 +137,16 @@ class Primitives:
     For example:
 
         python -m experiments primitives > docs/primitives.md
+    """
+
+
+@dataclass
+class Pages:
+    """Make the parts of the documentation anew that come from the library: docs/api.md, and a picture.
+
+    For example:
+
+        python -m experiments pages
     """
 
 

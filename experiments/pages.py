@@ -1,6 +1,6 @@
 """Parts of the documentation that are made from the library itself.
 
-    python -m experiments.pages     # docs/api.md and docs/pictures/layouts.png
+    python -m experiments pages     # docs/api.md and docs/pictures/layouts.png
 
 A test compares both.
 """
@@ -28,7 +28,7 @@ PACKAGES = ("secret", "comparison", "ring", "world", "models")
 
 HEAD = """# Public names
 
-<!-- made by: python -m experiments.pages -->
+<!-- made by: python -m experiments pages -->
 
 What may be imported, with the first sentence of its docstring; `help(name)` has the rest. The names in the
 first table are `ciphernav_jax`'s own, usually written `cn.share` and so on. The others stand in its packages.
@@ -77,13 +77,9 @@ def layouts(columns: int = 6, size: int = 140) -> Image.Image:
     return page
 
 
-def main() -> None:
+def write() -> None:
     """Write both."""
     write_text(DOCS / "api.md", api())
     file = io.BytesIO()
     layouts().quantize(64).save(file, "png", optimize=True)
     write_bytes(DOCS / "pictures" / "layouts.png", file.getvalue())
-
-
-if __name__ == "__main__":
-    main()

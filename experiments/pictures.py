@@ -1,6 +1,5 @@
 """The picture of a sweep."""
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from ciphernav_jax.files import write_bytes
+from ciphernav_jax.comparison.pictures import COLOURS
+from ciphernav_jax.files import write_png
 
-# Okabe and Ito's colours, for the default and the extremes; the others are grey.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+# Colours are for the default and the extremes; the others are grey.
 GREY = "#8C8C8C"
 SMALL = 8
 
@@ -163,6 +162,4 @@ def _parties(result: dict[str, Any]) -> int:
 
 def save(figure: Figure, path: Path) -> None:
     """Write a PNG, whole or not at all."""
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=90)
-    write_bytes(path, file.getvalue())
+    write_png(path, figure, dpi=90)

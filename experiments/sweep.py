@@ -15,13 +15,13 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from ciphernav_jax import files, provenance
+from ciphernav_jax import files, provenance, tables
 from ciphernav_jax.files import DamagedError, read_json, write_json, write_text
 from ciphernav_jax.parties.sharing import require_parties
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.truncate import VARIANTS
-from experiments import pictures, process, tables, trial
-from experiments.tables import Cells, ms
+from ciphernav_jax.tables import Cells, ms
+from experiments import pictures, process, trial
 from experiments.trial import Effort, Trial
 
 console = Console(highlight=False)

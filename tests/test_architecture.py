@@ -19,6 +19,7 @@ BASE = {
     "lifeline",
     "command_line",
     "provenance",
+    "tables",
 }
 ENGINE = ("ring", "parties", "protocols", "secret")
 MAY_IMPORT = {

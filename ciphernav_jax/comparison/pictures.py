@@ -4,7 +4,6 @@ Nothing is drawn over anything else: each variant has a place of its own beside 
 line of its own among the errors, in which each number of parties has a height of its own.
 """
 
-import io
 import math
 import textwrap
 from collections.abc import Callable, Sequence
@@ -17,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from ciphernav_jax.comparison.rows import Row
-from ciphernav_jax.files import write_bytes
+from ciphernav_jax.files import write_png
 
 # Okabe and Ito's colours. Variants beyond them have the same ones in another shape.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -34,9 +33,7 @@ Style = dict[str, tuple[str, str]]  # of each variant colour and shape
 
 def draw(rows: Sequence[Row], title: str, path: Path) -> None:
     """Write `figure` as a PNG, whole or not at all."""
-    file = io.BytesIO()
-    figure(rows, title).savefig(file, format="png", dpi=100)
-    write_bytes(path, file.getvalue())
+    write_png(path, figure(rows, title), dpi=100)
 
 
 def figure(rows: Sequence[Row], title: str) -> Figure:

@@ -10,7 +10,7 @@ from rich import box
 from rich.console import Console, Group
 from rich.table import Table
 
-from ciphernav_jax import extras
+from ciphernav_jax import extras, tables
 from ciphernav_jax.comparison.rows import Row
 
 NOTE = (
@@ -94,9 +94,7 @@ class Comparison:
         """One table with all columns, and the reasons of what was refused."""
         columns = tuple(column for table in TABLES for column in table)
         header = ("variant", "P", *(name for name, _ in columns))
-        lines = [header, ("---",) + ("---:",) * (len(header) - 1)]
-        lines += [(*_named(row), *_cells(row, columns)) for row in self.rows]
-        table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        table = tables.markdown(header, [(*_named(row), *_cells(row, columns)) for row in self.rows])
         reasons = "".join(f"- {reason}\n" for reason in self.reasons())
         return f"{self.summary()}\n\n{table}\n\n{reasons}{chr(10) * bool(reasons)}{self._note()}\n"
 

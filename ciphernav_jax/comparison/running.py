@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from ciphernav_jax import extras, files, provenance
+from ciphernav_jax import extras, files, provenance, tables
 from ciphernav_jax.comparison.results import Comparison
 from ciphernav_jax.comparison.rows import Row
 from ciphernav_jax.comparison.subject import Subject, subject, words
@@ -173,7 +172,6 @@ def _kept(path: Path, begun: Comparison) -> Rows:
 def _bar(shown: bool, total: int) -> Iterator[tuple[Callable[[str], None], Callable[[], None]]]:
     """A bar on standard error: yields what to tell of the work in hand, and what to call after each row."""
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, disable=not (shown and console.is_terminal)) as bar:
+    with tables.progress(console, shown=shown and console.is_terminal) as bar:
         task = bar.add_task("", total=total)
         yield lambda what: bar.update(task, description=what), lambda: bar.advance(task)

@@ -1,6 +1,5 @@
 """Pictures: training curves, and episodes with the map, the path and the five views."""
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ciphernav_jax.files import write_bytes
+from ciphernav_jax.files import write_png
 from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.rollout import Episodes, Outcome
 from ciphernav_jax.world import topview
@@ -120,6 +119,4 @@ def _from_above(dataset: Dataset, result: Episodes, env: int) -> NDArray[np.uint
 
 
 def _save(figure: Figure, path: Path) -> None:
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=110)
-    write_bytes(path, file.getvalue())
+    write_png(path, figure, dpi=110)

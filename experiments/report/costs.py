@@ -1,6 +1,7 @@
 """Tables of what secret training and decisions cost, beside the paper's."""
 
 from ciphernav_jax.navigation import paper
+from ciphernav_jax.tables import Cells, ms
 from experiments.report.results import (
     Document,
     Results,
@@ -10,7 +11,6 @@ from experiments.report.results import (
     truncations,
 )
 from experiments.report.table import CHEAP, ROWS, Table, duration, made_by, script, title
-from experiments.tables import Cells, ms
 
 BYTES = ("bytes_sent", "bytes_dealt")
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 
 from ciphernav_jax.navigation import metrics, paper
+from ciphernav_jax.tables import Cells
 from experiments.report.results import Document, Results, overall_accuracy, seeds, spread
 from experiments.report.table import (
     BEYOND,
@@ -16,7 +17,6 @@ from experiments.report.table import (
     script,
     title,
 )
-from experiments.tables import Cells
 
 HALVES = ("detour", "no_detour", "overall")
 ABOUT = {

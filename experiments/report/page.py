@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 from ciphernav_jax.navigation import paper
 from ciphernav_jax.navigation.parties import SLOTS, cast
+from ciphernav_jax.tables import Cells
 from experiments.report import figures, shown, tables
 from experiments.report.figures import Picture
 from experiments.report.results import Document, Results, overall_accuracy, spread, truncations
 from experiments.report.table import Table, duration, script, title
-from experiments.tables import Cells
 
 HERE = Path(__file__).parent
 TITLE = "Private multiparty perception for navigation, in JAX"

@@ -3,10 +3,10 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from ciphernav_jax import tables
 from ciphernav_jax.navigation import metrics
-from experiments import tables
+from ciphernav_jax.tables import Cells
 from experiments.report.results import Results
-from experiments.tables import Cells
 
 ONE_SEED = ("secret-3", "secret-9", "secret-16")
 ROWS = (

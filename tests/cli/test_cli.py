@@ -9,13 +9,11 @@ import pytest
 from ciphernav_jax import cli
 from ciphernav_jax.files import DamagedError
 from ciphernav_jax.world import dataset
+from tests.commands import exit_code
 
 
 def run(monkeypatch, *words):
-    monkeypatch.setattr(sys, "argv", ["ciphernav", *map(str, words)])
-    with pytest.raises(SystemExit) as stopped:
-        cli.main()
-    return stopped.value.code
+    return exit_code(monkeypatch, cli.main, "ciphernav", *words)
 
 
 @pytest.mark.parametrize(

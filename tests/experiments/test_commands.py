@@ -6,13 +6,11 @@ import sys
 import pytest
 
 from experiments import __main__ as experiments
+from tests.commands import exit_code
 
 
 def run(monkeypatch, *words):
-    monkeypatch.setattr(sys, "argv", ["experiments", *map(str, words)])
-    with pytest.raises(SystemExit) as stopped:
-        experiments.main()
-    return stopped.value.code
+    return exit_code(monkeypatch, experiments.main, "experiments", *words)
 
 
 @pytest.mark.parametrize(
@@ -22,6 +20,7 @@ def run(monkeypatch, *words):
         ("sweep", "--variant"),
         ("report", "--readme"),
         ("primitives", "docs"),
+        ("pages", "docs/api.md"),
         ("programs", "--count"),
     ],
 )

@@ -11,6 +11,7 @@ import pytest
 import ciphernav_jax as cn
 from ciphernav_jax.secret.rules import CONTROL_FLOW, RULES
 from experiments import primitives
+from tests.secret.digests import arguments
 
 pytestmark = pytest.mark.newest_jax
 
@@ -18,17 +19,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "primitives.md"
 UNIT = 2.0**-20
 EXAMPLES = {f"{example.primitive}: {example.expression}": example for example in primitives.examples()}
 
-rng = np.random.default_rng(0)
-
-
-def grid(*shape):
-    """Encoded without error."""
-    return np.round(rng.uniform(-4, 4, shape) * 256) / 256
-
-
-X, Y, A, B = grid(64), grid(64), grid(8, 8), grid(8, 8)
-Y[:8] = X[:8]  # equal entries too
-ARGUMENTS = (rng.uniform(0.5, 2, 64), 3, X, Y, A, B, X > 1, Y > 0)
+ARGUMENTS = arguments()
 
 
 def test_the_page_is_what_is_generated():

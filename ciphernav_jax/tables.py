@@ -26,10 +26,10 @@ def terminal(title: str, header: Cells, rows: Iterable[Cells], note: str) -> Tab
     return shown
 
 
-def progress(console: Console) -> Progress:
-    """A bar that says what is measured, how many are done, and since when."""
+def progress(console: Console, *, shown: bool = True) -> Progress:
+    """A bar that says what is measured, how many are done, and since when; none where it is not `shown`."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    return Progress(*columns, console=console)
+    return Progress(*columns, console=console, disable=not shown)
 
 
 def ms(seconds: float) -> str:
