@@ -2,7 +2,7 @@
 
 In import order; each imports only from those above it.
 
-- `allocator`, `compilation_cache`, `vectors`: settings for speed, made when the package is imported.
+- `startup`: what importing the package sets: 64 bits, allocator, compilation cache, vectors.
 - `extras`: what some parts need and functions on secrets do without.
 - `files`: files that are whole or absent, and are what was written.
 - `jax_private`: what JAX does not promise to keep; nowhere else is it touched.
@@ -20,30 +20,20 @@ In import order; each imports only from those above it.
 - `navigation`: training, plain and secret, and closed-loop evaluation.
 - `cli`: the command line `ciphernav`.
 
-Importing the package switches JAX's 64-bit types on, gives JAX a folder for its compilation cache
-(`compilation_cache`), has it use wide vectors (`vectors`), and registers the gymnasium environment where the
-extra `navigation` is installed. The names of the public face are imported on first use, so that the processes
-that render Obstacle World never load JAX.
+Importing the package switches JAX's 64-bit types on, gives JAX a folder for its compilation cache, has it
+use wide vectors (`startup`), and registers the gymnasium environment where the extra `navigation` is
+installed. The names of the public face are imported on first use, so that the processes that render Obstacle
+World never load JAX.
 """
 
 import importlib
-import os
-import sys
 from typing import TYPE_CHECKING
 
-from ciphernav_jax import allocator, compilation_cache, extras, vectors
+from ciphernav_jax import extras, startup
 
 __version__ = "0.1.0"
 
-# Ring elements are uint64, so 64-bit types are switched on, without importing JAX to do it.
-if "jax" in sys.modules:
-    sys.modules["jax"].config.update("jax_enable_x64", True)
-else:
-    os.environ["JAX_ENABLE_X64"] = "1"
-
-allocator.keep_large_buffers()
-compilation_cache.switch_on()
-vectors.prefer_widest()
+startup.prepare()
 if not extras.missing("navigation"):
     from ciphernav_jax import world
 

@@ -11,9 +11,7 @@ LIBRARY = ROOT / "ciphernav_jax"
 
 # What each part of the library may import of the others.
 BASE = {
-    "allocator",
-    "compilation_cache",
-    "vectors",
+    "startup",
     "extras",
     "files",
     "lifeline",

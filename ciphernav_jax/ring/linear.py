@@ -12,7 +12,7 @@ broadcast. Two things make it fast, and both are easily lost:
   (the limit of its `FusionNodeIndexingEvaluation`). Fused, the pass is not vectorised and four times slower.
 - *The order of y*: its free axes last, so that a vector is read from consecutive words.
 
-With 512-bit vectors (`ciphernav_jax.vectors`) that is 30 to 50 G multiply-adds/s; five float64 products
+With 512-bit vectors (`startup.vectors`) that is 30 to 50 G multiply-adds/s; five float64 products
 of 22-bit limbs, what one does without integer multiplication in vectors, give 10 on the same machine.
 """
 

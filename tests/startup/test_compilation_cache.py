@@ -22,7 +22,7 @@ def test_the_folder_is_the_users_own_and_the_processors(code, tmp_path):
 
 
 def test_another_processor_has_another_folder(tmp_path):
-    code = "from ciphernav_jax import compilation_cache as c;"
+    code = "from ciphernav_jax.startup import compilation_cache as c;"
     code += "from pathlib import Path; print(c.default_folder());"
     code += "Path.read_text = lambda _: 'flags: none'; print(c.default_folder())"
     here, there = says(code, XDG_CACHE_HOME=str(tmp_path)).splitlines()
