@@ -15,6 +15,7 @@ In import order; each imports only from those above it.
 - `protocols`: what parties compute on shares: products, truncation, comparison.
 - `secret`: from functions on floats to functions on secrets.
 - `comparison`: one's own function over protocol variants and numbers of parties.
+- `learning`: training in secret on columns that owners hold, whatever the data set.
 - `world`: Obstacle World, its environment, renderer and data set; no secrets here.
 - `models`: the paper's encoders and action classifier.
 - `navigation`: training, plain and secret, and closed-loop evaluation.
@@ -57,10 +58,30 @@ _HOME = {
     "transcript": "secret",
     "validate": "secret",
 }
-_PACKAGES = ("ring", "parties", "protocols", "secret", "comparison", "models", "navigation", "world")
+_PACKAGES = (
+    "ring",
+    "parties",
+    "protocols",
+    "secret",
+    "comparison",
+    "learning",
+    "models",
+    "navigation",
+    "world",
+)
 
 if TYPE_CHECKING:  # for editors, which do not look into __getattr__
-    from ciphernav_jax import comparison, models, navigation, parties, protocols, ring, secret, world
+    from ciphernav_jax import (
+        comparison,
+        learning,
+        models,
+        navigation,
+        parties,
+        protocols,
+        ring,
+        secret,
+        world,
+    )
     from ciphernav_jax.comparison import compare
     from ciphernav_jax.protocols import Protocol
     from ciphernav_jax.secret import (
@@ -95,6 +116,7 @@ __all__ = [
     "comparison",
     "cost",
     "deploy",
+    "learning",
     "models",
     "navigation",
     "parties",

@@ -225,16 +225,16 @@ def ground(folder: Path, *, secret: bool) -> None:
 
 def halfway(folder: Path) -> None:
     """The training of `plain`, as a kill after its first epoch leaves it."""
-    from ciphernav_jax.navigation import trained
+    from ciphernav_jax.navigation import trainings
 
     def stop(*_: Any) -> None:
         raise Stop
 
     config = files.read_json(folder / "plain" / "config.json")
-    recipe = trained.EndToEnd(**config["recipe"])
+    recipe = EndToEnd(**config["recipe"])
     with contextlib.suppress(Stop):
         data = dataset.load(folder / "world" / "train")
-        trained.train_end_to_end(data, "map-only", recipe, config["seed"], folder / "halfway", stop)
+        trainings.train_end_to_end(data, "map-only", recipe, config["seed"], folder / "halfway", stop)
 
 
 def interrupted(folder: Path, name: str, after: int | None) -> None:

@@ -27,8 +27,9 @@ MAY_IMPORT = {
     "comparison": {*BASE, "jax_private", *ENGINE},
     "world": BASE,
     "models": BASE,
-    "navigation": {*BASE, *ENGINE, "world", "models", "__version__"},
-    "cli": {*BASE, *ENGINE, "comparison", "world", "models", "navigation"},
+    "learning": {*BASE, *ENGINE},
+    "navigation": {*BASE, *ENGINE, "learning", "world", "models", "__version__"},
+    "cli": {*BASE, *ENGINE, "comparison", "learning", "world", "models", "navigation"},
 }
 
 

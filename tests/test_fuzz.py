@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ciphernav_jax import files
-from ciphernav_jax.navigation import trained
+from ciphernav_jax.navigation import folders
 from tests import fuzz
 
 
@@ -42,7 +42,7 @@ def scene(name):
 
 
 def test_a_missing_result_that_is_replaced_is_found(ground, monkeypatch):
-    monkeypatch.setattr(trained, "_result", lambda folder, config, like: like)
+    monkeypatch.setattr(folders, "result", lambda folder, config, like: like)
     case = ground.harm(scene("training"), fuzz.lose, Path("plain/model.npz"), random.Random(0))
     assert case.verdict == "other"
     assert case.ended.code == 0

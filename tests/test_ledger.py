@@ -9,7 +9,7 @@ import pytest
 from jax import lax
 
 import ciphernav_jax as cn
-from ciphernav_jax.navigation import trained
+from ciphernav_jax.navigation import driving, folders, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.ring import keys
@@ -33,18 +33,18 @@ never_warned = pytest.mark.filterwarnings("error:the same key is given")
 @pytest.mark.parametrize("parties", [2, 5])
 def test_a_run_trains_goes_on_after_a_kill_and_drives_both_test_sets(tmp_path, parties):
     world, test, unseen = (make(5, seed) for seed in range(3))
-    trained.train_end_to_end(
+    trainings.train_end_to_end(
         world, "plaintext", EndToEnd(epochs=1, batch=60), 0, tmp_path / "teacher", silent
     )
-    _, teacher = trained.load(tmp_path / "teacher")
-    train = partial(trained.train_classifier, world, teacher, FRESH, 0, tmp_path / "secret")
+    _, teacher = folders.load(tmp_path / "teacher")
+    train = partial(trainings.train_classifier, world, teacher, FRESH, 0, tmp_path / "secret")
     with kept() as ledger:
         with pytest.raises(Killed):
             train(killed_after_first, parties)
         train(silent, parties)
-        config, model = trained.load(tmp_path / "secret")
+        config, model = folders.load(tmp_path / "secret")
         for dataset in (test, unseen):
-            trained.drive(dataset, config, model, 0)
+            driving.drive(dataset, config, model, 0)
     assert ledger.reused() == []
     assert ledger.purposes == {"share", "step"}
     # A step and a count of right answers for each chunk, and the decisions of both drives, for each party.
@@ -125,12 +125,12 @@ def test_the_protocol_s_generator_is_that_of_shares_and_of_the_dealer_also_on_ca
 def test_one_seed_for_every_use_is_found(tmp_path, monkeypatch):
     """Both test sets were driven with the same keys."""
     world, test = make(12, seed=0), make(5, seed=1)
-    trained.train_end_to_end(world, "map-only", EndToEnd(epochs=1, batch=60), 0, tmp_path, silent)
-    config, model = trained.load(tmp_path)
+    trainings.train_end_to_end(world, "map-only", EndToEnd(epochs=1, batch=60), 0, tmp_path, silent)
+    config, model = folders.load(tmp_path)
     monkeypatch.setattr(trained, "_key", lambda seed, what, how, dataset: keys.root(seed))
     with kept() as ledger:
         for dataset in (test, make(5, seed=2)):
-            trained.drive(dataset, config, model, 0, 2)
+            driving.drive(dataset, config, model, 0, 2)
     assert any("step" in found for found in ledger.reused())
 
 

@@ -8,14 +8,14 @@ from rich.console import Console
 
 from ciphernav_jax import files
 from ciphernav_jax.cli.options import Evaluate, Train
-from ciphernav_jax.navigation import metrics, trained
+from ciphernav_jax.learning.progress import bar
+from ciphernav_jax.navigation import driving, folders, metrics, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.navigation.folders import Trained
 from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.parties import statement
 from ciphernav_jax.navigation.plain import EndToEnd
-from ciphernav_jax.navigation.progress import bar
 from ciphernav_jax.navigation.rollout import Episodes, random_walk
-from ciphernav_jax.navigation.trained import Trained
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.world import dataset
 
@@ -36,7 +36,7 @@ def train(args: Train) -> None:
     if args.method in METHODS:
         recipe = EndToEnd(loss=args.loss, **_given(epochs=args.epochs, batch=args.batch))
         with bar(args.method) as report:
-            trained.train_end_to_end(data, args.method, recipe, args.seed, args.out, report)
+            trainings.train_end_to_end(data, args.method, recipe, args.seed, args.out, report)
     else:
         teacher = _encoders(args, data)
         parties = (args.parties or 2) if secret else None
@@ -44,7 +44,7 @@ def train(args: Train) -> None:
             console.print(statement(parties), highlight=False)
         recipe = FreshClassifier(**_given(steps=args.steps, batch=args.batch))
         with bar(f"secret, {parties} parties" if parties else args.method) as report:
-            trained.train_classifier(data, teacher, recipe, args.seed, args.out, report, parties, protocol)
+            trainings.train_classifier(data, teacher, recipe, args.seed, args.out, report, parties, protocol)
     console.print(f"Trained: {args.out}. Next: ciphernav evaluate --model {args.out} --data TEST_SET")
 
 
@@ -75,17 +75,17 @@ def _driver(args: Evaluate, data: dataset.Dataset) -> tuple[str, Callable[[], Ep
             raise ValueError("--parties and --variant are for trained models; a random walk has no secrets")
         return "random", lambda: random_walk(data, args.seed)
     protocol = _protocol(args.variant)
-    config, model = trained.load(args.model)
+    config, model = folders.load(args.model)
     if parties := config["parties"] or args.parties:
         console.print(statement(parties, public_weights=not config["parties"]), highlight=False)
-    return trained.row(config, args.parties), lambda: trained.drive(
+    return folders.row(config, args.parties), lambda: driving.drive(
         data, config, model, args.seed, args.parties, protocol=protocol
     )
 
 
 def _encoders(args: Train, data: dataset.Dataset) -> Trained:
     if args.encoders:
-        config, teacher = trained.load(args.encoders)
+        config, teacher = folders.load(args.encoders)
         if config["method"] != "plaintext":
             raise ValueError(
                 f"{args.encoders} holds a {config['method']} training; --encoders needs a plaintext one"
@@ -93,7 +93,7 @@ def _encoders(args: Train, data: dataset.Dataset) -> Trained:
         return teacher
     recipe = EndToEnd(loss=args.loss, **_given(epochs=args.epochs))
     with bar("encoders, in plaintext") as report:
-        return trained.train_end_to_end(data, "plaintext", recipe, args.seed, args.out / "encoders", report)
+        return trainings.train_end_to_end(data, "plaintext", recipe, args.seed, args.out / "encoders", report)
 
 
 def _check(args: Train, secret: bool) -> None:

@@ -17,11 +17,11 @@ from rich.console import Console
 from ciphernav_jax import files, provenance
 from ciphernav_jax.cli.options import Demo
 from ciphernav_jax.files import write_json, write_text
-from ciphernav_jax.navigation import metrics, pictures, trained
+from ciphernav_jax.learning.progress import bar
+from ciphernav_jax.navigation import driving, folders, metrics, pictures, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.parties import cast, statement
 from ciphernav_jax.navigation.plain import EndToEnd
-from ciphernav_jax.navigation.progress import bar
 from ciphernav_jax.navigation.rollout import Episodes, random_walk
 from ciphernav_jax.world import dataset
 from ciphernav_jax.world.dataset import Dataset
@@ -72,32 +72,34 @@ def _run(args: Demo) -> None:
     console.rule("2. Encoders and classifier in plaintext: nothing is secret yet")
     episodes = {"random": random_walk(test, args.seed)}
     plain_recipe, secret_recipe = EndToEnd(epochs=args.epochs), FreshClassifier(steps=args.steps)
-    folders = {name: args.out / "models" / name for name in (*PLAIN, "plaintext-classifier")}
+    models = {name: args.out / "models" / name for name in (*PLAIN, "plaintext-classifier")}
     for name in PLAIN:
         with clock.part(f"train {name}"), bar(metrics.title(name)) as report:
-            trained.train_end_to_end(train, name, plain_recipe, args.seed, folders[name], report)
-    teacher = trained.load(folders["plaintext"])[1]
+            trainings.train_end_to_end(train, name, plain_recipe, args.seed, models[name], report)
+    teacher = folders.load(models["plaintext"])[1]
 
     console.rule("3. A new classifier from scratch, on features that their owners computed")
     name = "plaintext-classifier"
     with clock.part(f"train {name}"), bar(metrics.title(name)) as report:
-        trained.train_classifier(train, teacher, secret_recipe, args.seed, folders[name], report)
+        trainings.train_classifier(train, teacher, secret_recipe, args.seed, models[name], report)
     for parties in args.parties:
         console.print(statement(parties))
         name = f"secret-{parties}"
-        folders[name] = args.out / "models" / name
+        models[name] = args.out / "models" / name
         with clock.part(f"train {name}"), bar(metrics.title(name)) as report:
-            trained.train_classifier(train, teacher, secret_recipe, args.seed, folders[name], report, parties)
+            trainings.train_classifier(
+                train, teacher, secret_recipe, args.seed, models[name], report, parties
+            )
 
     console.rule("4. Robots drive; the secret ones ask for every action under secret sharing")
-    for name, folder in folders.items():
-        config, model = trained.load(folder)
+    for name, folder in models.items():
+        config, model = folders.load(folder)
         with clock.part(f"drive {name}"), console.status(f"{metrics.title(name)}: {len(test)} episodes"):
-            episodes[name] = trained.drive(test, config, model, args.seed)
+            episodes[name] = driving.drive(test, config, model, args.seed)
 
     console.rule("5. The table")
     _write(args, test, episodes, clock, resumed, (plain_recipe, secret_recipe))
-    _draw(args.out, test, episodes, folders, args.parties[-1])
+    _draw(args.out, test, episodes, models, args.parties[-1])
     console.print(f"Written: {args.out}/table.json, table.md, curves.png, episodes.png")
 
 
@@ -127,9 +129,9 @@ def _write(
 
 
 def _draw(
-    out: Path, test: Dataset, episodes: dict[str, Episodes], folders: dict[str, Path], parties: int
+    out: Path, test: Dataset, episodes: dict[str, Episodes], models: dict[str, Path], parties: int
 ) -> None:
-    drawn = {metrics.title(name): trained.curve(folder) for name, folder in folders.items()}
+    drawn = {metrics.title(name): folders.curve(folder) for name, folder in models.items()}
     plain = {metrics.title(name): drawn.pop(metrics.title(name)) for name in PLAIN}
     pictures.curves(plain, drawn, out / "curves.png")
     drivers = ["map-only", f"secret-{parties}"]

@@ -15,10 +15,11 @@ from rich.console import Console
 from ciphernav_jax.cli.options import Sweep
 from ciphernav_jax.comparison import compare
 from ciphernav_jax.comparison.subject import words
+from ciphernav_jax.learning.sgd import sgd_step
 from ciphernav_jax.models.classifier import ACTIONS
 from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
 from ciphernav_jax.navigation import classifier
-from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.navigation.classifier import CLASSIFIER, FreshClassifier
 from ciphernav_jax.protocols import Protocol
 
 BATCH = 100
@@ -82,5 +83,5 @@ def training_step(seed: int) -> Given:
     slots = tuple(generator.standard_normal((BATCH, width)).astype(np.float32) for width in widths)
     labels = np.eye(ACTIONS, dtype=np.float32)[generator.integers(ACTIONS, size=BATCH)]
     state = (weights, jax.tree.map(jnp.zeros_like, weights), np.float32(0))
-    step = partial(classifier.sgd_step, decay=jnp.float32(1), recipe=FreshClassifier(batch=BATCH))
+    step = partial(sgd_step, CLASSIFIER, decay=jnp.float32(1), recipe=FreshClassifier(batch=BATCH))
     return step, (state, slots, labels)

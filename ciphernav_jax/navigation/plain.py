@@ -6,7 +6,7 @@ views that occur more than once in a batch are encoded once.
 
 import functools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -17,21 +17,19 @@ import optax
 from flax import nnx
 from numpy.typing import NDArray
 
+from ciphernav_jax.learning.progress import Report
+from ciphernav_jax.learning.storage import Checkpoint
 from ciphernav_jax.models import Navigator
 from ciphernav_jax.models.classifier import ACTIONS
 from ciphernav_jax.models.encoders import VIEW_FEATURES
 from ciphernav_jax.navigation.methods import Method
 from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.samples import Samples, training_samples
-from ciphernav_jax.navigation.storage import Checkpoint
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import WALLS, map_code
 from ciphernav_jax.world.poses import LANES
 
 GRAPH = nnx.split(Navigator(nnx.Rngs(0)))[0]
-
-Report = Callable[[int, int, dict], None]
-"""Called as report(done, total, curve point) after each epoch, or each chunk of steps."""
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,12 @@ import optax
 from flax import nnx
 from numpy.typing import NDArray
 
+from ciphernav_jax.learning.progress import Report
+from ciphernav_jax.learning.storage import Checkpoint
 from ciphernav_jax.models import Sight
 from ciphernav_jax.models.sight import REACH
 from ciphernav_jax.navigation import features
-from ciphernav_jax.navigation.plain import EndToEnd, Report, optimiser, updated
-from ciphernav_jax.navigation.storage import Checkpoint
+from ciphernav_jax.navigation.plain import EndToEnd, optimiser, updated
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import CELLS, RAYS, WALLS
 

@@ -22,7 +22,7 @@ from PIL import Image
 from ciphernav_jax import provenance
 from ciphernav_jax.command_line import SEED, read
 from ciphernav_jax.files import write_json
-from ciphernav_jax.navigation import features, pictures, trained
+from ciphernav_jax.navigation import driving, features, folders, pictures
 from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.rollout import Episodes, Outcome
@@ -124,11 +124,11 @@ def _top_bytes(secret: Secret) -> str:
 
 def run(seed: int, options: Pictures) -> None:
     """Drive, choose, and write RESULTS/episodes-SEED.json."""
-    config, model = trained.load(options.out / "models" / f"{options.driver}-{seed}")
+    config, model = folders.load(options.out / "models" / f"{options.driver}-{seed}")
     parties = config["parties"] or PARTIES
     environments = world("test", options.out)
-    driven = trained.drive(environments, config, model, seed, parties)
-    seen = features.standardise(trained.encode(environments, trained.sees(config), model), model.scales)
+    driven = driving.drive(environments, config, model, seed, parties)
+    seen = features.standardise(model.encode(environments, folders.sees(config)), model.scales)
     chosen = choose(environments, driven)
     watch = chosen["success"].pop(0)
     path = options.results / f"episodes-{seed}.json"

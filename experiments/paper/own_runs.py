@@ -6,7 +6,7 @@ It takes the trainings of the rows `secret-2` and `secret-5` (`accuracy`), which
 missing. `reconstruction` gives each environment a random key of its own. Here one seed's whole run is looked
 at together: what is shared for training (weights, velocity, loss and all samples), the first steps of it, and
 of either test set what is shared for the first decisions, and these. All have the very keys of
-`navigation.trained`, so that a mask which any two of them had in common would show.
+`navigation.trainings`, so that a mask which any two of them had in common would show.
 
 The coalitions are those of all parties but one: they know all that smaller ones know. Their shares are added
 up. They know the initial weights, and that the velocity and the loss begin at 0; no key, and no mask but by
@@ -33,8 +33,11 @@ from jax import Array
 from numpy.typing import NDArray
 
 from ciphernav_jax.command_line import read
-from ciphernav_jax.navigation import classifier, features, policies, trained
-from ciphernav_jax.navigation.classifier import FreshClassifier, sgd_step
+from ciphernav_jax.learning import fitting
+from ciphernav_jax.learning.sgd import sgd_step
+from ciphernav_jax.learning.table import ANSWERS, picked
+from ciphernav_jax.navigation import classifier, driving, features, folders, policies, trainings
+from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.parties import CAMERAS, SLOTS
 from ciphernav_jax.navigation.samples import Samples, start_headings, training_samples
@@ -78,22 +81,21 @@ def training(
     protocol: Protocol | None = None,
     steps: int = STEPS,
 ) -> Seen:
-    """The first steps of `classifier.train`, which has these arguments, once more."""
-    start, data = classifier.share_at_start(key, *classifier.at_start(seen, samples, seed), parties, protocol)
-    loss = classifier.share_loss(key, 0, parties, protocol)
+    """The first steps of the training of a classifier that has this key (`learning.fit`), once more."""
+    table = classifier.table(seen, samples, parties)
+    start, data = fitting.share_at_start(key, classifier.initial(seed), table, parties, protocol)
+    loss = fitting.share_loss(key, 0, parties, protocol)
     state, views = (*start, loss), []
     step = observed_step(recipe, protocol or Protocol())
-    for number, decay, env, row in zip(
-        *classifier.batches(samples, recipe, seed, np.arange(steps)), strict=True
-    ):
-        batch = classifier.of_batch(data, env, row)
-        state, seen_of_step = step(classifier.step_key(key, number), state, *batch, decay)
+    numbers, decays, rows = table.batches(recipe, seed, np.arange(steps))
+    for index, number in enumerate(numbers):
+        batch = picked(data, jax.tree.map(lambda of_steps, index=index: of_steps[index], rows))
+        state, seen_of_step = step(fitting.step_key(key, number), state, *batch, decays[index])
         views.append(seen_of_step)
-    cameras, robot, actions = data
+    columns, actions = data
     public = {"weights": start[0], "velocity": start[1], "loss": loss}
-    return Seen(
-        _leaves(public), dict(zip((*SLOTS, "labels"), (*cameras, *robot, actions), strict=True)), views
-    )
+    secret = dict(zip((*table.columns, ANSWERS), (*columns, actions), strict=True))
+    return Seen(_leaves(public), secret, views)
 
 
 def drive(
@@ -119,7 +121,7 @@ def drive(
 @functools.cache
 def observed_step(recipe: FreshClassifier, protocol: Protocol) -> Any:
     """A training step with its view."""
-    return view(secure(partial(sgd_step, recipe=recipe), protocol=protocol))
+    return view(secure(partial(sgd_step, classifier.CLASSIFIER, recipe=recipe), protocol=protocol))
 
 
 @functools.cache
@@ -215,18 +217,18 @@ def own_runs(seed: int, options: Options) -> tuple[dict[str, Any], dict[str, flo
     for parties in PARTIES:
         began = time.perf_counter()
         row = known[f"secret-{parties}"]
-        config, model = trained.load(train(row, seed, known, options))
-        protocol, method = Protocol(**config["protocol"]), trained.sees(config)
+        config, model = folders.load(train(row, seed, known, options))
+        protocol, method = Protocol(**config["protocol"]), folders.sees(config)
         runs = {}
         for name, dataset in datasets.items():
-            seen = features.standardise(trained.encode(dataset, method, model), model.scales)
+            seen = features.standardise(model.encode(dataset, method), model.scales)
             if name == "training":
                 assert isinstance(row.recipe, FreshClassifier)
                 samples = training_samples(dataset, method, seed, row.recipe.errands, row.recipe.stray)
-                key = trained.training_key(config, dataset)
+                key = trainings.training_key(config, dataset)
                 runs[name] = training(key, seen, samples, row.recipe, seed, parties, protocol)
             else:
-                key = trained.driving_key(dataset, config, model, seed, parties, protocol)
+                key = driving.driving_key(dataset, config, model, seed, parties, protocol)
                 headings = start_headings(dataset, method)
                 runs[name] = drive(key, model.weights, seen, headings, parties, protocol)
         results |= attacks(runs, truth, parties, seed)

@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 
 from ciphernav_jax.command_line import read
 from ciphernav_jax.models.classifier import ACTIONS
-from ciphernav_jax.navigation import features, trained
+from ciphernav_jax.navigation import features, folders
 from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.policies import best_action
@@ -165,7 +165,7 @@ def agreement(weights: Any, seen: Features, eyes: Eyes, answers: Answers, seed: 
     asked = np.argwhere(answers != UNASKED)
     env, *question = asked[np.random.default_rng(seed).choice(len(asked), CHECKED)].T
     slots = slots_of(seen, eyes, env, tuple(question))
-    key = keys.derive(keys.root(seed), "questions", trained.fingerprint((weights, slots)))
+    key = keys.derive(keys.root(seed), "questions", folders.fingerprint((weights, slots)))
     slots = share(key, slots, parties=2)
     secret = np.asarray(reveal(secure(best_action)(key, weights, slots)))
     return attack.score(int(np.sum(secret == answers[env, *question])), CHECKED)
@@ -303,12 +303,12 @@ def query(seed: int, options: Queries) -> tuple[dict[str, Any], dict[str, float]
         the attacks.
     """
     rows = {row.name: row for row in ROWS}
-    model = trained.load(train(rows[options.row], seed, rows, options))[1]
+    model = folders.load(train(rows[options.row], seed, rows, options))[1]
     weights = jax.tree.map(jnp.asarray, reveal(model.weights))
     environments, *others = datasets = [world(name, options.out) for name in ("train", "test", "validation")]
     began = time.perf_counter()
     seen = [
-        features.standardise(trained.encode(dataset, METHODS["plaintext"], model), model.scales)
+        features.standardise(model.encode(dataset, METHODS["plaintext"]), model.scales)
         for dataset in datasets
     ]
     empty = empty_views(environments)

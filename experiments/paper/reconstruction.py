@@ -21,7 +21,7 @@ trials; "all" adds the cameras up. Robots stand at their start. What the attacke
 - forward, 5 parties: the same as forward of bottom_left's owner, who attacks the others' cameras.
 - all but one: four of five parties put together what they see, and attack the fifth's camera. Their shares
   are added up.
-- training step: what the robot sees of one `sgd_step` (two parties, secret weights, a batch of 4 whose first
+- training step: what the robot sees of one step (two parties, secret weights, a batch of 4 whose first
   sample is the environment attacked and whose others are fixed). Of numbers with an axis for the batch the
   first row; of all others, weights, gradients and bits, 1,000 words chosen once. Learned from 4,000 training
   environments, the other rows from 15,000.
@@ -48,15 +48,16 @@ from jax import Array
 from numpy.typing import NDArray
 
 from ciphernav_jax.command_line import read
+from ciphernav_jax.learning.sgd import sgd_step
 from ciphernav_jax.models.classifier import ACTIONS
-from ciphernav_jax.navigation import classifier, features, trained
-from ciphernav_jax.navigation.classifier import sgd_step
+from ciphernav_jax.navigation import classifier, features, folders
+from ciphernav_jax.navigation.classifier import CLASSIFIER
 from ciphernav_jax.navigation.features import Features
+from ciphernav_jax.navigation.folders import Trained
 from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.parties import CAMERAS
 from ciphernav_jax.navigation.policies import best_action
 from ciphernav_jax.navigation.samples import start_headings, teacher_forced
-from ciphernav_jax.navigation.trained import Trained
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import Secret, reveal, secure, share, view
 from ciphernav_jax.world.dataset import Dataset
@@ -158,7 +159,7 @@ def forward(
 def training_step(weights: Any, others: Rows, sharing: Share) -> Observe:
     """What the robot sees of a training step on the environment and `others`; see the head of this module."""
     recipe = replace(FRESH, batch=BATCH)
-    observed = view(secure(partial(sgd_step, recipe=recipe)))
+    observed = view(secure(partial(sgd_step, CLASSIFIER, recipe=recipe)))
     velocity = jax.tree.map(np.zeros_like, weights)
 
     def observe(key: Array, row: Rows) -> Array:
@@ -336,8 +337,8 @@ def reconstruct(seed: int, options: Options) -> tuple[dict[str, Any], dict[str, 
     datasets = world("train", options.out), world("test", options.out)
 
     def encoded(row: str) -> tuple[Trained, list[Features]]:
-        model = trained.load(train(rows[row], seed, rows, options))[1]
-        return model, [trained.encode(dataset, cameras, model) for dataset in datasets]
+        model = folders.load(train(rows[row], seed, rows, options))[1]
+        return model, [model.encode(dataset, cameras) for dataset in datasets]
 
     def starts(seen: list[Features]) -> tuple[Rows, Rows]:
         return at_start(datasets[0], seen[0]), at_start(datasets[1], seen[1])

@@ -26,15 +26,16 @@ from rich.console import Console
 from ciphernav_jax import provenance
 from ciphernav_jax.command_line import SEED, read
 from ciphernav_jax.files import read_json, write_json
+from ciphernav_jax.learning.progress import bar
+from ciphernav_jax.learning.sgd import sgd_step
 from ciphernav_jax.models.classifier import ACTIONS
 from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
-from ciphernav_jax.navigation import classifier, metrics, trained
-from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.navigation import classifier, driving, folders, metrics, trainings
+from ciphernav_jax.navigation.classifier import CLASSIFIER, FreshClassifier
 from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.parties import SLOTS, cast
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.policies import best_action
-from ciphernav_jax.navigation.progress import bar
 from ciphernav_jax.navigation.rollout import Episodes, random_walk
 from ciphernav_jax.navigation.samples import start_headings, training_samples
 from ciphernav_jax.navigation.sight import Looking
@@ -201,12 +202,12 @@ def train(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> Pa
     environments = world("train", options.out)
     if isinstance(row.recipe, EndToEnd):
         with bar(f"{row.name}, seed {seed}") as report:
-            trained.train_end_to_end(environments, row.method, row.recipe, seed, folder, report)
+            trainings.train_end_to_end(environments, row.method, row.recipe, seed, folder, report)
     else:
         assert row.recipe is not None, "a random walk is not trained"
-        teacher = trained.load(train(teachers[row.teacher], seed, teachers, options))[1]
+        teacher = folders.load(train(teachers[row.teacher], seed, teachers, options))[1]
         with bar(f"{row.name}, seed {seed}") as report:
-            trained.train_classifier(environments, teacher, row.recipe, seed, folder, report, row.parties)
+            trainings.train_classifier(environments, teacher, row.recipe, seed, folder, report, row.parties)
     return folder
 
 
@@ -220,20 +221,20 @@ def _driver(
     if row.method == "alone":
         return functools.partial(_drive_alone, eyes=eyes), curve
     folder = train(teachers[row.drives] if row.drives else row, seed, teachers, options)
-    config, model = trained.load(folder)
+    config, model = folders.load(folder)
 
     def drive(environments: Dataset) -> Episodes:
-        return trained.drive(environments, config, model, seed, eyes=eyes)
+        return driving.drive(environments, config, model, seed, eyes=eyes)
 
-    return drive, curve or trained.curve(folder)
+    return drive, curve or folders.curve(folder)
 
 
 def _eyes(recipe: Looking, seed: int, options: Options) -> tuple[Any, list[dict]]:
     """Weights of a robot's sight, trained where they are not yet, and the curve of that."""
     folder = options.out / "models" / f"sight-{seed}"
     with bar(f"sight, seed {seed}") as report:
-        weights = trained.train_sight(world("train", options.out), recipe, seed, folder, report)
-    return weights, trained.curve(folder)
+        weights = trainings.train_sight(world("train", options.out), recipe, seed, folder, report)
+    return weights, folders.curve(folder)
 
 
 def _drive_alone(environments: Dataset, eyes: Any) -> Episodes:
@@ -243,7 +244,7 @@ def _drive_alone(environments: Dataset, eyes: Any) -> Episodes:
         return np.full(len(cells), STOP)
 
     headings = start_headings(environments, METHODS["plaintext"])
-    return trained.drive_carefully(environments, silence, headings, eyes)
+    return driving.drive_carefully(environments, silence, headings, eyes)
 
 
 def epochs(recipe: FreshClassifier, seed: int, options: Options) -> float:
@@ -278,7 +279,7 @@ def costs(recipe: FreshClassifier, parties: int) -> dict[str, Any]:
         return jax.eval_shape(lambda key: share(key, values, parties=parties), jax.random.key(0))
 
     def step(state, slots, labels, decay):
-        return classifier.sgd_step(state, slots, labels, decay, recipe)
+        return sgd_step(CLASSIFIER, state, slots, labels, decay, recipe)
 
     batch = (slots(recipe.batch), np.zeros((recipe.batch, ACTIONS), np.float32))
     training = cost(secure(step), *shapes((state, *batch)), np.float32(1))

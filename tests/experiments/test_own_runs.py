@@ -7,12 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ciphernav_jax.navigation import classifier, policies, trained
+from ciphernav_jax.learning import Network, fit, fitting
+from ciphernav_jax.navigation import classifier, driving, policies, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.features import Features
+from ciphernav_jax.navigation.folders import Trained
 from ciphernav_jax.navigation.parties import CAMERAS, SLOTS
 from ciphernav_jax.navigation.samples import Samples
-from ciphernav_jax.navigation.trained import Trained
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import is_secret, share
 from ciphernav_jax.world.grid import CELLS
@@ -89,7 +90,7 @@ def small_classifier():
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(classifier, "initial", lambda seed: {"kernel": kernel})
-        patched.setattr(classifier, "predict", predict)
+        patched.setattr(classifier, "CLASSIFIER", Network(predict, 5))
         patched.setattr(policies, "best_action", predict)
         yield
     own_runs.observed_step.cache_clear()
@@ -109,11 +110,11 @@ def features():
 
 def runs_of(parties, features, samples):
     """A training and the drives of both test sets, with the keys that they derive."""
-    key = trained.training_key(CONFIG, WORLD)
+    key = trainings.training_key(CONFIG, WORLD)
     runs = {"training": own_runs.training(key, features[0], samples, RECIPE, SEED, parties, steps=1)}
     weights = classifier.initial(1)
     for (name, dataset), seen in zip(TESTS.items(), features[1:], strict=True):
-        key = trained.driving_key(dataset, CONFIG, Trained({}, (), weights), SEED, parties)
+        key = driving.driving_key(dataset, CONFIG, Trained({}, (), weights), SEED, parties)
         runs[name] = own_runs.drive(key, weights, seen, np.zeros(COUNT, np.int64), parties)
     return runs
 
@@ -179,11 +180,18 @@ def test_what_is_attacked_is_what_training_shares(features, samples, monkeypatch
     def begin(key, state, data, *_):
         raise Begun(state, data)
 
-    monkeypatch.setattr(classifier, "_run", SimpleNamespace(lower=begin))
-    fresh = SimpleNamespace(restore=lambda state: (0, state, []))
-    key = trained.training_key(CONFIG, WORLD)
+    monkeypatch.setattr(fitting, "_run", SimpleNamespace(lower=begin))
+    key = trainings.training_key(CONFIG, WORLD)
     with pytest.raises(Begun) as begun:
-        classifier.train(features[0], samples, RECIPE, SEED, key, fresh, lambda *_: None, 2)
+        fit(
+            classifier.CLASSIFIER,
+            classifier.initial(SEED),
+            classifier.table(features[0], samples, 2),
+            RECIPE,
+            key,
+            seed=SEED,
+            parties=2,
+        )
     run = own_runs.training(key, features[0], samples, RECIPE, SEED, 2, steps=1)
     expected = [x.shares for x in jax.tree.leaves(begun.value.args, is_leaf=is_secret)]
     state = [run.public[name] for name in ("weights kernel", "velocity kernel", "loss")]

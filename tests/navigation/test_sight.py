@@ -6,10 +6,10 @@ import pytest
 from flax import nnx
 
 from ciphernav_jax.files import DamagedError
+from ciphernav_jax.learning.storage import Checkpoint
 from ciphernav_jax.models import Sight
-from ciphernav_jax.navigation import sight, trained
+from ciphernav_jax.navigation import folders, sight, trainings
 from ciphernav_jax.navigation.sight import Looking
-from ciphernav_jax.navigation.storage import Checkpoint
 from ciphernav_jax.world.grid import WALLS
 from tests.navigation.conftest import Killed, assert_same, killed_after_first, line, perfect_eyes, silent
 
@@ -20,7 +20,7 @@ RECIPE = Looking(steps=120, batch=200, chunk=60)
 def learned(world, tmp_path_factory):
     folder = tmp_path_factory.mktemp("sight") / "training"
     points = []
-    weights = trained.train_sight(world, RECIPE, 0, folder, lambda done, total, point: points.append(done))
+    weights = trainings.train_sight(world, RECIPE, 0, folder, lambda done, total, point: points.append(done))
     return folder, weights, points
 
 
@@ -51,11 +51,11 @@ def test_whatever_it_answers_it_sees_nothing_in_or_behind_walls_nor_off_its_line
 
 def test_a_finished_one_is_read_back_and_a_killed_one_goes_on(world, learned, tmp_path):
     folder, weights, _ = learned
-    read = trained.train_sight(world, RECIPE, 0, folder, lambda *_: pytest.fail("trained again"))
+    read = trainings.train_sight(world, RECIPE, 0, folder, lambda *_: pytest.fail("trained again"))
     assert_same(read, weights)
-    assert [point["step"] for point in trained.curve(folder)] == [60, 120]
+    assert [point["step"] for point in folders.curve(folder)] == [60, 120]
     with pytest.raises(DamagedError, match="another training"):
-        trained.train_sight(world, Looking(steps=180, batch=200, chunk=60), 0, folder, silent)
+        trainings.train_sight(world, Looking(steps=180, batch=200, chunk=60), 0, folder, silent)
 
     with pytest.raises(Killed):
         sight.train(world, RECIPE, 0, Checkpoint(tmp_path / "checkpoint.npz"), killed_after_first)

@@ -11,7 +11,7 @@ import pytest
 import ciphernav_jax as cn
 from ciphernav_jax import files
 from ciphernav_jax.files import BusyError, DamagedError
-from ciphernav_jax.navigation import trained
+from ciphernav_jax.navigation import driving, folders, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.policies import plain_policy, secret_policy
@@ -29,37 +29,37 @@ def untimed(curve):
 @pytest.fixture(scope="module")
 def teacher(world, tmp_path_factory):
     folder = tmp_path_factory.mktemp("teacher")
-    trained.train_end_to_end(world, "plaintext", EndToEnd(epochs=1, batch=60), 0, folder, silent)
-    return trained.load(folder)[1]
+    trainings.train_end_to_end(world, "plaintext", EndToEnd(epochs=1, batch=60), 0, folder, silent)
+    return folders.load(folder)[1]
 
 
 def test_end_to_end_training_resumes_to_the_same_bits(world, tmp_path):
-    whole = trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path / "whole", silent)
+    whole = trainings.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path / "whole", silent)
     with pytest.raises(Killed):
-        trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path / "killed", killed_after_first)
+        trainings.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path / "killed", killed_after_first)
     with pytest.raises(DamagedError, match="not finished"):
-        trained.load(tmp_path / "killed")
-    resumed = trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path / "killed", silent)
+        folders.load(tmp_path / "killed")
+    resumed = trainings.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path / "killed", silent)
     assert_same(resumed, whole)
-    assert untimed(trained.curve(tmp_path / "killed")) == untimed(trained.curve(tmp_path / "whole"))
-    assert_same(trained.load(tmp_path / "whole")[1], whole)
+    assert untimed(folders.curve(tmp_path / "killed")) == untimed(folders.curve(tmp_path / "whole"))
+    assert_same(folders.load(tmp_path / "whole")[1], whole)
 
 
 @pytest.mark.parametrize("parties", [None, 2])
 def test_classifier_training_resumes_to_the_same_bits(world, teacher, tmp_path, parties):
     def train(folder, report):
-        return trained.train_classifier(world, teacher, FRESH, 0, tmp_path / folder, report, parties)
+        return trainings.train_classifier(world, teacher, FRESH, 0, tmp_path / folder, report, parties)
 
     whole = train("whole", silent)
     with pytest.raises(Killed):
         train("killed", killed_after_first)
     resumed = train("killed", silent)
     assert_same(resumed, whole)  # of secrets, the shares
-    config, loaded = trained.load(tmp_path / "killed")
+    config, loaded = folders.load(tmp_path / "killed")
     assert_same(loaded, whole)
     assert config["parties"] == parties
-    curve = trained.curve(tmp_path / "killed")
-    assert untimed(curve) == untimed(trained.curve(tmp_path / "whole"))
+    curve = folders.curve(tmp_path / "killed")
+    assert untimed(curve) == untimed(folders.curve(tmp_path / "whole"))
     assert [point["step"] for point in curve] == [2, 4, 6]
     assert ["compile_seconds" in point for point in curve] == [True, True, False]  # killed after the first
     if parties:
@@ -67,22 +67,22 @@ def test_classifier_training_resumes_to_the_same_bits(world, teacher, tmp_path, 
 
 
 def test_secret_training_and_driving_follow_plaintext(world, teacher, tmp_path):
-    plain = trained.train_classifier(world, teacher, FRESH, 0, tmp_path / "plain", silent)
-    secret = trained.train_classifier(world, teacher, FRESH, 0, tmp_path / "secret", silent, 2)
+    plain = trainings.train_classifier(world, teacher, FRESH, 0, tmp_path / "plain", silent)
+    secret = trainings.train_classifier(world, teacher, FRESH, 0, tmp_path / "secret", silent, 2)
     for weights, shared in zip(
         jax.tree.leaves(plain.weights), jax.tree.leaves(cn.reveal(secret.weights)), strict=True
     ):
         np.testing.assert_allclose(shared, weights, atol=1e-3)
-    losses = [[point["loss"] for point in trained.curve(tmp_path / name)] for name in ("plain", "secret")]
+    losses = [[point["loss"] for point in folders.curve(tmp_path / name)] for name in ("plain", "secret")]
     np.testing.assert_allclose(*losses, rtol=1e-2)
-    right = [[point["accuracy"] for point in trained.curve(tmp_path / name)] for name in ("plain", "secret")]
+    right = [[point["accuracy"] for point in folders.curve(tmp_path / name)] for name in ("plain", "secret")]
     np.testing.assert_allclose(*right, atol=100 / FRESH.batch)  # at most one answer differs
 
     few = dataclasses.replace(
         world, **{name: getattr(world, name)[:16] for name in ("cameras", "agent", "layout", "goal")}
     )
-    method = trained.sees({"method": "secret"})
-    seen = trained.features.standardise(trained.encode(few, method, secret), secret.scales)
+    method = folders.sees({"method": "secret"})
+    seen = features.standardise(secret.encode(few, method), secret.scales)
     start, heading = np.zeros(16, int), np.full(16, 3)
     opened = plain_policy(cn.reveal(secret.weights), seen)(0, start, heading)
     chosen = secret_policy(secret.weights, seen, jax.random.key(1), 2)(0, start, heading)
@@ -95,33 +95,33 @@ def test_secret_training_and_driving_follow_plaintext(world, teacher, tmp_path):
 
 
 def test_a_finished_training_is_not_done_twice(world, tmp_path):
-    first = trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, silent)
-    assert_same(trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, killed_after_first), first)
+    first = trainings.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, silent)
+    assert_same(trainings.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, killed_after_first), first)
 
 
 def test_a_folder_goes_on_only_with_the_same_training(world, tmp_path):
     with pytest.raises(Killed):
-        trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, killed_after_first)
+        trainings.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, killed_after_first)
     with pytest.raises(DamagedError, match="differs in seed"):
-        trained.train_end_to_end(world, "map-only", PLAIN, 1, tmp_path, silent)
+        trainings.train_end_to_end(world, "map-only", PLAIN, 1, tmp_path, silent)
     with pytest.raises(DamagedError, match="differs in method"):
-        trained.train_end_to_end(world, "first-person", PLAIN, 0, tmp_path, silent)
+        trainings.train_end_to_end(world, "first-person", PLAIN, 0, tmp_path, silent)
 
 
 def test_a_classifier_goes_on_only_with_the_same_encoders(world, teacher, tmp_path):
     with pytest.raises(Killed):
-        trained.train_classifier(world, teacher, FRESH, 0, tmp_path, killed_after_first)
+        trainings.train_classifier(world, teacher, FRESH, 0, tmp_path, killed_after_first)
     other = teacher._replace(encoders=jax.tree.map(lambda leaf: leaf + np.float32(1), teacher.encoders))
     with pytest.raises(DamagedError, match="differs in encoders"):
-        trained.train_classifier(world, other, FRESH, 0, tmp_path, silent)
+        trainings.train_classifier(world, other, FRESH, 0, tmp_path, silent)
 
 
 def test_a_damaged_checkpoint_is_named(world, tmp_path):
     with pytest.raises(Killed):
-        trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, killed_after_first)
+        trainings.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, killed_after_first)
     flip_a_bit(tmp_path / "checkpoint.npz")
     with pytest.raises(DamagedError, match=rf"checkpoint\.npz is not what.*; remove {tmp_path} and"):
-        trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, silent)
+        trainings.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, silent)
 
 
 def flip_a_bit(path):
@@ -133,7 +133,7 @@ def flip_a_bit(path):
 @pytest.fixture(scope="module")
 def finished(world, tmp_path_factory):
     folder = tmp_path_factory.mktemp("finished")
-    trained.train_end_to_end(world, "map-only", PLAIN, 0, folder, silent)
+    trainings.train_end_to_end(world, "map-only", PLAIN, 0, folder, silent)
     return folder
 
 
@@ -144,52 +144,52 @@ def test_what_a_finished_training_lacks_is_named_and_never_replaced(finished, tm
     shutil.copytree(finished, folder)
     harm(folder / name)
     with pytest.raises(DamagedError, match=rf"{name}|not finished") as raised:
-        trained.load(folder), trained.curve(folder)
+        folders.load(folder), folders.curve(folder)
     assert str(folder) in str(raised.value)
 
 
 def test_the_weights_of_another_training_do_not_pass_for_its_own(world, finished, tmp_path):
-    trained.train_end_to_end(world, "map-only", PLAIN, 1, tmp_path, silent)
+    trainings.train_end_to_end(world, "map-only", PLAIN, 1, tmp_path, silent)
     shutil.copy(finished / "model.npz", tmp_path)
     with pytest.raises(DamagedError, match=r"model\.npz is not what"):
-        trained.load(tmp_path)
+        folders.load(tmp_path)
 
 
 def test_a_training_that_lost_its_curve_goes_on_to_the_same_bits(world, finished, tmp_path):
     folder = tmp_path / "harmed"
     shutil.copytree(finished, folder)
     (folder / "curve.json").unlink()
-    trained.train_end_to_end(world, "map-only", PLAIN, 0, folder, silent)
+    trainings.train_end_to_end(world, "map-only", PLAIN, 0, folder, silent)
     for name in ("model.npz", "curve.json", "config.json"):
         assert (folder / name).read_bytes() == (finished / name).read_bytes()
 
 
 def test_two_trainings_in_one_folder_are_refused(world, tmp_path):
     with files.claimed(tmp_path), pytest.raises(BusyError, match=f"another process is writing to {tmp_path}"):
-        trained.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, silent)
+        trainings.train_end_to_end(world, "map-only", PLAIN, 0, tmp_path, silent)
 
 
 def test_a_batch_of_more_than_all_samples_is_refused(world, teacher, tmp_path):
     large = FreshClassifier(steps=2, batch=10**9)
     with pytest.raises(ValueError, match=r"a batch of 1,000,000,000 is more than the \d+ samples"):
-        trained.train_classifier(world, teacher, large, 0, tmp_path / "none", silent)
+        trainings.train_classifier(world, teacher, large, 0, tmp_path / "none", silent)
     assert not (tmp_path / "none").exists()
 
 
 def test_a_folder_that_is_no_training_is_refused(tmp_path):
     with pytest.raises(DamagedError, match=r"config\.json is missing"):
-        trained.load(tmp_path)
+        folders.load(tmp_path)
     (tmp_path / "config.json").write_text("{")
     with pytest.raises(DamagedError, match="damaged"):
-        trained.load(tmp_path)
+        folders.load(tmp_path)
     files.write_json(tmp_path / "config.json", {})
     with pytest.raises(DamagedError, match="holds no training"):
-        trained.load(tmp_path)
+        folders.load(tmp_path)
 
 
 def test_fewer_than_two_parties_are_refused_before_anything_is_written(world, teacher, tmp_path):
     with pytest.raises(ValueError, match="at least two parties"):
-        trained.train_classifier(world, teacher, FRESH, 0, tmp_path / "one", silent, 1)
+        trainings.train_classifier(world, teacher, FRESH, 0, tmp_path / "one", silent, 1)
     assert not (tmp_path / "one").exists()
 
 
@@ -198,8 +198,8 @@ def test_the_loss_of_lanes_teaches_the_encoder_what_is_in_them(world, tmp_path):
 
     def left_over(name, lanes):
         recipe = EndToEnd(epochs=8, batch=30, lanes=lanes)
-        model = trained.train_end_to_end(world, "plaintext", recipe, 0, tmp_path / name, silent)
-        seen = np.concatenate(trained.encode(world, trained.METHODS["plaintext"], model).cameras)
+        model = trainings.train_end_to_end(world, "plaintext", recipe, 0, tmp_path / name, silent)
+        seen = np.concatenate(model.encode(world, METHODS["plaintext"]).cameras)
         known = np.column_stack([seen, np.ones(len(seen))])
         ahead = np.concatenate([world.obstacles[:, lane[1:]] for lane in LANES]).astype(float)
         small = np.linalg.solve(known.T @ known + 100 * np.eye(known.shape[1]), known.T @ ahead)
@@ -213,8 +213,8 @@ def test_smoothed_labels_bound_the_loss_from_below(world, tmp_path):
     def losses(smoothing):
         recipe = EndToEnd(epochs=3, batch=30, smoothing=smoothing)
         folder = tmp_path / str(smoothing)
-        trained.train_end_to_end(world, "map-only", recipe, 0, folder, silent)
-        return [point["loss"] for point in trained.curve(folder)]
+        trainings.train_end_to_end(world, "map-only", recipe, 0, folder, silent)
+        return [point["loss"] for point in folders.curve(folder)]
 
     label = np.array([0.1 + 0.9 / 5] + [0.9 / 5] * 4)  # its entropy, 1.591, is the least loss there is
     entropy = -np.sum(label * np.log(label))
@@ -235,19 +235,19 @@ def test_the_squared_loss_is_not_smoothed():
 
 def test_a_variant_is_trained_and_driven_by(world, teacher, tmp_path):
     protocol = cn.Protocol(frac_bits=18, truncation="local", opened="logits")
-    model = trained.train_classifier(world, teacher, FRESH, 0, tmp_path, silent, 2, protocol)
-    config, loaded = trained.load(tmp_path)
+    model = trainings.train_classifier(world, teacher, FRESH, 0, tmp_path, silent, 2, protocol)
+    config, loaded = folders.load(tmp_path)
     assert cn.Protocol(**config["protocol"]) == protocol
     assert {weight.frac_bits for weight in jax.tree.leaves(loaded.weights, is_leaf=is_secret)} == {18}
     assert_same(loaded, model)
-    driven = trained.drive(world, config, loaded, 0)
+    driven = driving.drive(world, config, loaded, 0)
     np.testing.assert_array_equal(driven.actions >= 0, driven.cells[:, :-1] >= 0)
     with pytest.raises(ValueError, match="trained with"):
-        trained.drive(world, config, loaded, 0, protocol=cn.Protocol())
+        driving.drive(world, config, loaded, 0, protocol=cn.Protocol())
     with pytest.raises(ValueError, match="say --parties"):
-        trained.drive(world, {**config, "parties": None}, teacher, 0, protocol=protocol)
+        driving.drive(world, {**config, "parties": None}, teacher, 0, protocol=protocol)
     with pytest.raises(DamagedError, match="differs in protocol"):
-        trained.train_classifier(world, teacher, FRESH, 0, tmp_path, silent, 2)
+        trainings.train_classifier(world, teacher, FRESH, 0, tmp_path, silent, 2)
 
 
 def is_secret(leaf):

@@ -1,11 +1,12 @@
 """Progress bars for trainings."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ciphernav_jax.navigation.plain import Report
+Report = Callable[[int, int, dict], None]
+"""Called as report(done, total, curve point) after each epoch, or each chunk of steps."""
 
 
 @contextmanager

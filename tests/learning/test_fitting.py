@@ -1,0 +1,144 @@
+"""A network on a table that is split vertically: the same in secret as in the clear, and gone on with."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ciphernav_jax as cn
+from ciphernav_jax.files import DamagedError
+from ciphernav_jax.learning import Checkpoint, Column, Network, Sgd, Table, fit
+
+RECIPE = Sgd(steps=6, batch=20, learning_rate=0.25, chunk=2)
+KEY = jax.random.key(7)
+
+
+def predict(weights, columns):
+    hidden = jax.nn.relu(jnp.concatenate(columns, axis=1) @ weights["in"] + weights["bias"])
+    return hidden @ weights["out"]
+
+
+NETWORK = Network(predict, outputs=2)
+
+
+def start():
+    rng = np.random.default_rng(1)
+    shapes = {"in": (4, 8), "bias": (8,), "out": (8, 2)}
+    return {name: 0.3 * rng.normal(size=shape).astype(np.float32) for name, shape in shapes.items()}
+
+
+def patients(owners=("first", "second")):
+    """Three columns of 50 patients, one of which is of the 5 wards that they lie in."""
+    rng = np.random.default_rng(0)
+    age, blood = (rng.normal(size=(50, width)).astype(np.float32) for width in (1, 2))
+    wards, ward = rng.normal(size=(5, 1)).astype(np.float32), rng.integers(5, size=50)
+    ill = (age + blood.sum(1, keepdims=True) + wards[ward] > 0)[:, 0]
+    columns = {
+        "age": Column(owners[0], age),
+        "blood": Column(owners[1], blood),
+        "ward": Column(owners[0], wards, rows=ward),
+    }
+    return Table(columns, answers=Column(owners[1], np.eye(2, dtype=np.float32)[ill.astype(int)]))
+
+
+def untimed(curve):
+    return [{name: value for name, value in point.items() if "seconds" not in name} for point in curve]
+
+
+@pytest.mark.parametrize("parties", [2, 3])
+def test_in_secret_it_learns_what_it_learns_in_the_clear(parties):
+    plain, open_curve = fit(NETWORK, start(), patients(), RECIPE, KEY)
+    secret, curve = fit(NETWORK, start(), patients(), RECIPE, KEY, parties=parties)
+    assert {weight.parties for weight in secret.values()} == {parties}
+    for name, weight in plain.items():
+        np.testing.assert_allclose(cn.reveal(secret[name]), weight, atol=1e-4)
+    np.testing.assert_allclose(
+        [point["loss"] for point in curve], [point["loss"] for point in open_curve], rtol=1e-4
+    )
+    assert [point["step"] for point in curve] == [2, 4, 6]
+    assert curve[-1]["loss"] < curve[0]["loss"]
+    assert all(point["truncations"] > 0 == point["failed"] for point in curve)
+
+
+def test_a_step_is_that_of_gradient_descent_with_momentum():
+    """By hand, in float64: two steps on all samples with a rate that falls in a straight line."""
+    table = patients()
+    recipe = Sgd(steps=2, batch=50, learning_rate=0.25, momentum=0.5, chunk=1)
+    found, curve = fit(NETWORK, start(), table, recipe, KEY)
+    columns = tuple(
+        np.asarray(c.values)[c.at(np.arange(50))].astype(np.float64) for c in table.columns.values()
+    )
+    answers = np.asarray(table.answers.values, np.float64)
+
+    def loss(weights):
+        return jnp.sum((predict(weights, columns) - answers) ** 2)
+
+    weights = {name: jnp.asarray(value, np.float64) for name, value in start().items()}
+    velocity = jax.tree.map(jnp.zeros_like, weights)
+    for decay, point in zip((1.0, 0.5), curve, strict=True):
+        assert point["loss"] == pytest.approx(float(loss(weights)) / 100, rel=1e-5)
+        rate = 2.0**-9 * decay  # 0.25 / (50 * 2) is nearest to 2^-9 among the powers of two
+        velocity = jax.tree.map(lambda v, g, rate=rate: 0.5 * v - rate * g, velocity, jax.grad(loss)(weights))
+        weights = jax.tree.map(jnp.add, weights, velocity)
+    for name, weight in weights.items():
+        np.testing.assert_allclose(found[name], weight, atol=1e-5)
+
+
+@pytest.mark.parametrize("parties", [None, 2])
+def test_it_goes_on_from_a_checkpoint_to_the_same_bits(tmp_path, parties):
+    class Killed(Exception):
+        pass
+
+    def kill(*_):
+        raise Killed
+
+    def run(name, report=None):
+        checkpoint = Checkpoint(tmp_path / name)
+        return fit(
+            NETWORK, start(), patients(), RECIPE, KEY, parties=parties, checkpoint=checkpoint, report=report
+        )
+
+    whole, curve = run("whole")
+    with pytest.raises(Killed):
+        run("killed", kill)
+    resumed, later = run("killed")
+    assert untimed(later) == untimed(curve)
+    for one, other in zip(jax.tree.leaves(whole), jax.tree.leaves(resumed), strict=True):
+        np.testing.assert_array_equal(one, other)  # of secrets, the shares
+    if parties is not None:
+        with pytest.raises(DamagedError, match="is not what was written"):
+            fit(NETWORK, start(), patients(), RECIPE, KEY, checkpoint=Checkpoint(tmp_path / "whole", "other"))
+
+
+def test_more_owners_than_parties_are_refused():
+    table = patients(("first", "second"))
+    third = Table({**table.columns, "x": Column("third", np.zeros((50, 1)))}, answers=table.answers)
+    assert third.owners == ("first", "second", "third")
+    with pytest.raises(ValueError, match="first, second, third hold columns, but there are 2 parties"):
+        fit(NETWORK, start(), third, RECIPE, KEY, parties=2)
+
+
+def test_columns_of_other_samples_are_refused():
+    answers = Column("one", np.zeros((5, 2)))
+    with pytest.raises(ValueError, match="column 'age' has 4 samples, the answers 5"):
+        Table({"age": Column("one", np.zeros((4, 1)))}, answers=answers)
+    with pytest.raises(ValueError, match="column 'age' has 6 samples, the answers 5"):
+        Table({"age": Column("one", np.zeros((4, 1)), rows=np.zeros(6, int))}, answers=answers)
+    with pytest.raises(ValueError, match="named 'labels'"):
+        Table({"labels": Column("one", np.zeros((5, 1)))}, answers=answers)
+
+
+def test_a_batch_of_more_than_all_samples_is_refused():
+    with pytest.raises(ValueError, match="a batch of 51 is more than the 50 samples"):
+        fit(NETWORK, start(), patients(), Sgd(batch=51), KEY)
+
+
+def test_each_epoch_has_every_sample_once():
+    steps, decay, (rows, answers) = patients().batches(Sgd(steps=10, batch=10), seed=3, steps=np.arange(10))
+    assert steps.tolist() == list(range(10))
+    np.testing.assert_allclose(decay, 1 - np.arange(10) / 10, rtol=1e-6)
+    for epoch in (answers[:5], answers[5:]):
+        assert sorted(epoch.ravel().tolist()) == list(range(50))
+    assert (answers[:5] != answers[5:]).any()
+    np.testing.assert_array_equal(rows[0], answers)
+    assert rows[2].max() < 5
