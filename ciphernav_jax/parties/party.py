@@ -33,10 +33,15 @@ def labelled(program: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(program)
     def under_its_name(*args, **kwargs):
-        with jax.named_scope(f"protocol:{program.__name__}"):
+        with jax.named_scope(label(program.__name__)):
             return program(*args, **kwargs)
 
     return under_its_name
+
+
+def label(name: str) -> str:
+    """The scope of what is sent under a protocol's name."""
+    return f"protocol:{name}"
 
 
 def open_sum(x: UInt64[Array, "..."]) -> UInt64[Array, "..."]:

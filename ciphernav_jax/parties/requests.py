@@ -13,7 +13,7 @@ from jaxtyping import UInt64
 from ciphernav_jax import ring
 from ciphernav_jax.parties import sharing
 from ciphernav_jax.ring import bits
-from ciphernav_jax.ring.linear import DimensionNumbers
+from ciphernav_jax.ring.forms import Form
 
 Shape = tuple[int, ...]
 Values = dict[str, Array]
@@ -38,6 +38,11 @@ class Request:
 
     Names in `binary` are shared by exclusive or, the others additively.
     """
+
+    @property
+    def kind(self) -> str:
+        """The name under which its words are counted."""
+        return type(self).__name__
 
     @cached_property
     def uniform(self) -> dict[str, Shape]:
@@ -148,38 +153,22 @@ class WrapCount(Request):
 
 
 @dataclass(frozen=True)
-class _OfTwo(Request):
-    """A request for something of two earlier values: nothing of it is uniform."""
+class Bilinear(Request):
+    """A product, of some form, of two earlier values modulo 2^64: {"product": its shape}. Nothing of it is
+    uniform. With its two factors it is a Beaver triple (Beaver, CRYPTO 1991).
+    """
 
     left: Ref
     right: Ref
+    form: Form
 
-    def factors(self, earlier: Sequence[Values]) -> tuple[Array, Array]:
+    @property
+    def kind(self) -> str:
+        return type(self.form).__name__
+
+    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
         left, right = (earlier[ref.request][ref.name] for ref in (self.left, self.right))
-        return left, right
-
-
-@dataclass(frozen=True)
-class Product(_OfTwo):
-    """The elementwise product, with broadcasting, of two earlier values: {"product": broadcast shape}.
-
-    With its two factors it is a Beaver triple (Beaver, CRYPTO 1991).
-    """
-
-    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
-        left, right = self.factors(earlier)
-        return {"product": left * right}
-
-
-@dataclass(frozen=True)
-class DotProduct(_OfTwo):
-    """`dot_general` of two earlier values modulo 2^64: {"product": its shape}. A Beaver triple of tensors."""
-
-    dimension_numbers: DimensionNumbers
-
-    def deal(self, uniform: Values, earlier: Sequence[Values]) -> Values:
-        left, right = self.factors(earlier)
-        return {"product": ring.dot_general(left, right, self.dimension_numbers)}
+        return {"product": self.form(left, right)}
 
 
 @dataclass(frozen=True)

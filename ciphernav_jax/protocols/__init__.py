@@ -4,7 +4,7 @@ In import order:
 - `suite`: `Protocol`, the choice of variants.
 - `ideal`: what a trusted third party would compute, for sweeps; not protocols.
 - `masked`: values opened under a mask.
-- `multiply`: Beaver products, elementwise, square, `dot_general`, and conjunction of words.
+- `multiply`: Beaver products of any bilinear form, square, and conjunction of words.
 - `adders`: carries and borrows of binary adders.
 - `convert`: arithmetic to binary and back.
 - `compare`: the sign of a value.

@@ -14,6 +14,7 @@ with shared bits (edaBits: Escudero et al., CRYPTO 2020). Re-sharing is CrypTen'
 them up.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,6 +28,7 @@ from ciphernav_jax.parties.dealer import Dealer, Dealt
 from ciphernav_jax.parties.party import AXIS, from_party_zero, labelled, open_sum
 from ciphernav_jax.parties.requests import Mask, Zero
 from ciphernav_jax.protocols import adders, convert
+from ciphernav_jax.protocols.ideal import ideal_positive
 from ciphernav_jax.protocols.masked import Masked
 from ciphernav_jax.protocols.multiply import conjunction
 from ciphernav_jax.protocols.suite import Adder
@@ -165,3 +167,26 @@ def _add(
     (g,) = conjunction(dealer, a[:-1], b[None, :-1])
     carried = adders.carries(dealer, g, p[:-1], adder)
     return p.at[1:].set(p[1:] ^ carried)
+
+
+@dataclass(frozen=True)
+class Sign:
+    """A variant, as `Protocol(comparison=NAME)` chooses it.
+
+    Attributes:
+        run: `run(dealer, x, circuit)`, the bit x > 0 as `Masked`, or this party's share of it.
+        layout: of the circuit that it is given.
+        masked: whether it opens x under a mask, from whose opening a ReLU may truncate as well (`relu`).
+    """
+
+    run: Callable[[Dealer, UInt64[Array, "..."], Circuit], Masked | Array]
+    layout: Literal["sliced", "words"] = "sliced"
+    masked: bool = False
+
+
+VARIANTS = {
+    "masked": Sign(positive, masked=True),
+    "masked-words": Sign(positive, layout="words", masked=True),
+    "resharing": Sign(resharing),
+    "ideal": Sign(lambda dealer, x, _: ideal_positive(dealer, x)),
+}

@@ -5,8 +5,6 @@ random rounding. They show what a function gives without what it costs, for swee
 every value. Nothing of them is counted as a message.
 """
 
-from collections.abc import Callable
-
 import jax.numpy as jnp
 from jax import Array, lax
 from jaxtyping import UInt64
@@ -14,6 +12,7 @@ from jaxtyping import UInt64
 from ciphernav_jax.parties.dealer import Dealer
 from ciphernav_jax.parties.party import from_party_zero, ideal_sum, labelled
 from ciphernav_jax.parties.requests import Mask, Zero
+from ciphernav_jax.ring.forms import Form
 
 
 @labelled
@@ -21,10 +20,10 @@ def ideal_product(
     dealer: Dealer,
     x: UInt64[Array, "..."],
     y: UInt64[Array, "..."],
-    product: Callable[[Array, Array], Array],
+    form: Form,
 ) -> UInt64[Array, "..."]:
-    """Fresh shares of product(x, y), as `multiply` and `dot_general` give them. Error: none."""
-    return _afresh(dealer, product(ideal_sum(x), ideal_sum(y)))
+    """Fresh shares of a product of any form, as `multiply.bilinear` gives them. Error: none."""
+    return _afresh(dealer, form(ideal_sum(x), ideal_sum(y)))
 
 
 @labelled

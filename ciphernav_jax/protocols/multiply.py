@@ -6,65 +6,52 @@ is opened once. The products themselves are then local. All are exact in the rin
 and g fractional bits give a product with f + g, which `truncate` brings back.
 """
 
+import itertools
+
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import UInt64
 
 from ciphernav_jax import ring
 from ciphernav_jax.parties.dealer import Dealer
-from ciphernav_jax.parties.party import from_party_zero, labelled, open_xor
-from ciphernav_jax.parties.requests import AndTriple, DotProduct, Product
+from ciphernav_jax.parties.party import from_party_zero, label, labelled, open_xor
+from ciphernav_jax.parties.requests import AndTriple, Bilinear
 from ciphernav_jax.protocols.masked import Masked
-from ciphernav_jax.ring.linear import DimensionNumbers
+from ciphernav_jax.ring.forms import Form
 
 
-@labelled
-def multiply(dealer: Dealer, x: Masked, y: Masked) -> UInt64[Array, "..."]:
-    """The elementwise product, with broadcasting: this party's share of x y.
+def bilinear(dealer: Dealer, x: Masked, y: Masked, form: Form) -> UInt64[Array, "..."]:
+    """A product x y of any form that distributes over sums: this party's share of it.
 
     With x = e + sum_j k_j [m_j] and y = d + sum_l h_l [n_l]:
 
-        [x y] = e d + d sum_j k_j [m_j] + e sum_l h_l [n_l] + sum_jl k_j h_l [m_j n_l].
+        [x y] = e [y] + sum_j k_j [m_j] d + sum_jl k_j h_l [m_j n_l],
 
-    Opened: nothing. Rounds: 0 after those that opened x and y. Correlated randomness: one `Product` for each
-    pair of terms. Error: none. For one plain mask on each side this is Beaver's multiplication.
+    where party 0's share of y has d in it: for one plain mask on each side two ring products for each party,
+    and this is Beaver's multiplication. Factors k_j and h_l other than 1 are of elementwise products alone.
+
+    Opened: nothing. Rounds: 0 after those that opened x and y. Correlated randomness: one `Bilinear` for each
+    pair of terms. Error: none. Its costs are counted under the name of the form.
     """
-    total = from_party_zero(x.public * y.public)
-    for term in x.terms:
-        total += y.public * _scaled(term.share, term.factor)
-    for term in y.terms:
-        total += x.public * _scaled(term.share, term.factor)
-    for left in x.terms:
-        for right in y.terms:
-            product = dealer.take(Product(left.ref, right.ref))["product"]
-            total += _scaled(_scaled(product, left.factor), right.factor)
-    return total
+    with jax.named_scope(label(form.name)):
+        product = None
+        for left, right in itertools.product(x.terms, y.terms):
+            dealt = dealer.take(Bilinear(left.ref, right.ref, form))["product"]
+            dealt = _scaled(_scaled(dealt, left.factor), right.factor)
+            product = dealt if product is None else product + dealt
+        product = form(x.public, y.share(), plus=product)
+        for left in x.terms:
+            product = form(_scaled(left.share, left.factor), y.public, plus=product)
+        return product
 
 
 @labelled
 def square(dealer: Dealer, x: Masked) -> UInt64[Array, "..."]:
-    """The elementwise square [x^2] = e^2 + 2 e [a] + [a^2], for x under one mask; otherwise as `multiply`."""
+    """The elementwise square [x^2] = e^2 + 2 e [a] + [a^2], for x under one mask; otherwise as `bilinear`."""
     (term,) = x.terms
-    squared = dealer.take(Product(term.ref, term.ref))["product"]
+    squared = dealer.take(Bilinear(term.ref, term.ref, ring.TIMES))["product"]
     return from_party_zero(x.public * x.public) + (x.public << 1) * term.share + squared
-
-
-@labelled
-def dot_general(
-    dealer: Dealer, x: Masked, y: Masked, dimension_numbers: DimensionNumbers
-) -> UInt64[Array, "..."]:
-    """The tensor product of `lax.dot_general`: this party's share, for x = e + [a] and y = d + [b].
-
-        [x y] = e ([b] + d) + [a] d + [a b],
-
-    where d is added to party 0's share of b: two ring products for each party.
-    Opened: nothing. Rounds: 0 after those that opened x and y. Correlated randomness: one `DotProduct`.
-    Error: none.
-    """
-    (a,), (b,) = x.terms, y.terms
-    product = dealer.take(DotProduct(a.ref, b.ref, dimension_numbers))["product"]
-    product = ring.dot_general(x.public, b.share + from_party_zero(y.public), dimension_numbers, plus=product)
-    return ring.dot_general(a.share, y.public, dimension_numbers, plus=product)
 
 
 @labelled

@@ -9,7 +9,8 @@ from ciphernav_jax.parties.dealer import Dealer
 from ciphernav_jax.parties.party import labelled, open_sum
 from ciphernav_jax.protocols import compare, truncate
 from ciphernav_jax.protocols.masked import Masked
-from ciphernav_jax.protocols.multiply import multiply
+from ciphernav_jax.protocols.multiply import bilinear
+from ciphernav_jax.ring import TIMES
 
 
 class Relu(NamedTuple):
@@ -44,7 +45,7 @@ def relu(
     plus / 2^shift. So whoever needs x truncated has it without another opening.
 
     Opened: what `compare.positive` opens. Rounds: 7 by default. Correlated randomness for each value: one
-    `Mask` with bits and shift, 31 bit `AndTriple`s, one of `SharedBits`, two `Product`s (one with shift 0).
+    `Mask` with bits and shift, 31 bit `AndTriple`s, one of `SharedBits`, two `Bilinear` (one with shift 0).
     Error: that of the truncation, below 1 unit of the result and unbiased; with shift 0 none. Valid for |z| <
     2^63, twice as far as a truncation alone: where z < 0 the truncated value is wrong, but the bit is 0 and
     the output exactly 0; so a positive z may have the offset's half of the ring as well.
@@ -55,7 +56,7 @@ def relu(
     positive = compare.positive_from_opening(dealer, z, mask, circuit)
     above = truncate.from_opening(z, mask, shift, offset=0)
     return Relu(
-        multiply(dealer, positive, above),
+        bilinear(dealer, positive, above, TIMES),
         positive,
         truncated=truncate.from_opening(c, mask, shift),
         below=truncate.from_opening(c, mask, shift, offset=1 << 63),

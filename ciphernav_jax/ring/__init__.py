@@ -4,6 +4,7 @@ Ring elements are uint64 arrays, so `+`, `-`, `*` and unary `-` are already the 
 
 - `fixed_point`: floats to ring elements and back.
 - `linear`: matrix products and `dot_general` modulo 2^64.
+- `forms`: products of any shape that distribute over sums.
 - `bits`: bit slicing, the most significant bit.
 - `threefry`, `chacha`: the block functions of two generators.
 - `keys`: a run's root key, and a key for each purpose derived from it.
@@ -21,11 +22,14 @@ from ciphernav_jax.ring.fixed_point import (
     require_x64,
     value_range,
 )
+from ciphernav_jax.ring.forms import TIMES, DotProduct
 from ciphernav_jax.ring.linear import dot_general, matmul
 from ciphernav_jax.ring.random import draw
 
 __all__ = [
     "POISON",
+    "TIMES",
+    "DotProduct",
     "bit_slice",
     "bit_unslice",
     "decode",

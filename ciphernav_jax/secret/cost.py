@@ -327,7 +327,7 @@ def _deliveries(needed: Plan, parties: int, supply: Any, uses: dict[int, str]) -
         # So often is the loop entered for which the dealer is on call.
         times = math.prod(_times(needed, place))
         return Delivery(
-            request=type(found[place]).__name__,
+            request=found[place].kind,
             protocol=protocols[0] if protocols else "",
             primitive=primitives[-1] if primitives else "",
             words=tuple(words[place].tolist()),

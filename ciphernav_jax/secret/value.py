@@ -10,7 +10,6 @@ contract and from what was done to it (`secret.bounds`), and what could leave th
 """
 
 import itertools
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -29,7 +28,7 @@ from ciphernav_jax.parties.requests import Zero
 from ciphernav_jax.protocols import Protocol, compare, ideal, masked, multiply, truncate
 from ciphernav_jax.protocols import relu as relus
 from ciphernav_jax.protocols.masked import Masked
-from ciphernav_jax.ring.linear import DimensionNumbers
+from ciphernav_jax.ring.forms import Form
 from ciphernav_jax.secret import bounds
 from ciphernav_jax.secret.findings import Findings
 from ciphernav_jax.secret.places import UNKNOWN, Place
@@ -264,11 +263,15 @@ class Value:
         variant = truncate.VARIANTS[protocol.truncation]
         share = self._fresh_share() if variant.fresh_shares else self.share
         made = variant.run(self.context.dealer, share, shift)
-        like = partial(Value, self.context, frac_bits, -(-self.bound >> shift))
-        result = like(form=made) if isinstance(made, Masked) else like(share=made)
+        result = self._made(frac_bits, -(-self.bound >> shift), made)
         if self.context.witness:
             self.context.witness.truncated(self, shift, result)
         return result
+
+    def _made(self, frac_bits: int, bound: int, made: Masked | Array) -> "Value":
+        """What a protocol made of this value."""
+        known: dict[str, Any] = {"form" if isinstance(made, Masked) else "share": made}
+        return Value(self.context, frac_bits, bound, **known)
 
     def _fresh_share(self) -> UInt64[Array, "..."]:
         """The share, made uniform where it may not be: one of x - x is the same for each party."""
@@ -441,21 +444,16 @@ class Value:
         protocol, sign_bit = self.context.protocol, 63
         if protocol.range_bits is not None and self.frac_bits:
             sign_bit = min(sign_bit, protocol.range_bits + self.doubled + self.frac_bits)
-        layout = "words" if protocol.comparison == "masked-words" else "sliced"
-        return compare.Circuit(layout, protocol.adder, sign_bit)
+        return compare.Circuit(self._sign.layout, protocol.adder, sign_bit)
+
+    @property
+    def _sign(self) -> compare.Sign:
+        return compare.VARIANTS[self.context.protocol.comparison]
 
     @cached_property
     def positive(self) -> "Value":
         """The bit x > 0, with no fractional bits."""
-        dealer = self.context.dealer
-        match self.context.protocol.comparison:
-            case "masked" | "masked-words":
-                form = compare.positive(dealer, self.share, self._circuit)
-            case "resharing":
-                form = compare.resharing(dealer, self.share, self._circuit)
-            case "ideal":
-                return Value(self.context, 0, 1, share=ideal.ideal_positive(dealer, self.share))
-        return Value(self.context, 0, 1, form=form)
+        return self._made(0, 1, self._sign.run(self.context.dealer, self.share, self._circuit))
 
     @cached_property
     def relu(self) -> "Value":
@@ -465,7 +463,7 @@ class Value:
         x, plus = self._added or (self, None)
         may_absorb = truncate.VARIANTS[protocol.truncation].absorbed and x._may_absorb
         absorbs = may_absorb and (plus is None or x.truncatable)
-        by_opening = protocol.comparison in ("masked", "masked-words") and protocol.multiplication == "beaver"
+        by_opening = self._sign.masked and protocol.multiplication == "beaver"
         if not by_opening or (shift and not absorbs):
             return self.positive.times(self)
         done = relus.relu(dealer, x.share, shift, self._circuit, plus)
@@ -477,7 +475,7 @@ class Value:
             if x.truncatable:
                 return like(form=done.truncated)
             # x is max(x, 0) where the bit says so, and elsewhere what it is below 0.
-            above = multiply.multiply(dealer, done.positive, done.below)
+            above = multiply.bilinear(dealer, done.positive, done.below, ring.TIMES)
             return like(share=done.output + done.below.share() - above)
 
         if shift:
@@ -494,32 +492,26 @@ class Value:
         return self.frac_bits == 0 and self.form is not None
 
     def times(self, other: "Value") -> "Value":
-        """The elementwise product, with the fractional bits of both."""
-        if self.context.protocol.multiplication == "ideal":
-            a, b = self.settled, other.settled
-            share = ideal.ideal_product(self.context.dealer, a.share, b.share, jnp.multiply)
-            return a._product(b, share)
-        if self.is_bit() or other.is_bit():
-            bit, value = (self, other.settled) if self.is_bit() else (other, self.settled)
-            left, right = bit.form, value.form or value.opened
-        else:
-            value, bit = self.settled, other.settled
-            left, right = value.opened, bit.opened
-        assert left is not None
-        if value is bit:
-            return value._product(value, multiply.square(self.context.dealer, value.opened))
-        return value._product(bit, multiply.multiply(self.context.dealer, left, right))
+        """The elementwise product, with the fractional bits of both. A bit that is open already is not opened
+        again, nor what it selects from.
+        """
+        if self.context.protocol.multiplication == "ideal" or not (self.is_bit() or other.is_bit()):
+            return self.bilinear(other, ring.TIMES)
+        bit, value = (self, other.settled) if self.is_bit() else (other, self.settled)
+        assert bit.form is not None
+        share = multiply.bilinear(self.context.dealer, bit.form, value.form or value.opened, ring.TIMES)
+        return value._product(bit, share)
 
-    def dot_general(self, other: "Value", dimension_numbers: DimensionNumbers) -> "Value":
-        """The tensor product, with the fractional bits of both."""
-        a, b, dealer = self.settled, other.settled, self.context.dealer
-        count = math.prod(a.shape[axis] for axis in dimension_numbers[0][0])
+    def bilinear(self, other: "Value", form: Form) -> "Value":
+        """A product of any form, with the fractional bits of both."""
+        x, y, dealer = self.settled, other.settled, self.context.dealer
         if self.context.protocol.multiplication == "ideal":
-            product = partial(ring.dot_general, dimension_numbers=dimension_numbers)
-            share = ideal.ideal_product(dealer, a.share, b.share, product)
+            share = ideal.ideal_product(dealer, x.share, y.share, form)
+        elif x is y and form is ring.TIMES:
+            share = multiply.square(dealer, x.opened)
         else:
-            share = multiply.dot_general(dealer, a.opened, b.opened, dimension_numbers)
-        return a._product(b, share, count)
+            share = multiply.bilinear(dealer, x.opened, y.opened, form)
+        return x._product(y, share, form.count(x.shape))
 
     def _product(self, other: "Value", share: Array, count: int = 1) -> "Value":
         """What has the fractional bits of both, and by the contract is no larger than a product may be."""

@@ -10,9 +10,8 @@ from ciphernav_jax.parties import sharing
 from ciphernav_jax.parties.dealer import Plan, Planner, Supply, corrected, deal, words_needed
 from ciphernav_jax.parties.requests import (
     AndTriple,
-    DotProduct,
+    Bilinear,
     Mask,
-    Product,
     Ref,
     SharedBits,
     WrapCount,
@@ -29,9 +28,9 @@ REQUESTS = (
     Mask((5, 2), shift=20),
     Mask((5, 26), shift=7, bits=64, pairs=31),
     Mask((70,), bits=20, pairs=3),
-    Product(Ref(0, "mask"), Ref(0, "mask")),
-    Product(Ref(2, "high"), Ref(2, "top")),
-    DotProduct(Ref(0, "mask"), Ref(1, "mask"), ROWS_BY_COLUMNS),
+    Bilinear(Ref(0, "mask"), Ref(0, "mask"), ring.TIMES),
+    Bilinear(Ref(2, "high"), Ref(2, "top"), ring.TIMES),
+    Bilinear(Ref(0, "mask"), Ref(1, "mask"), ring.DotProduct(ROWS_BY_COLUMNS)),
     SharedBits((5, 26)),
     SharedBits((3,), rows=(64,)),
     AndTriple((4, 2), 3),
@@ -194,7 +193,7 @@ def test_all_but_one_party_see_uniform_words_for_every_kind_of_request(parties):
     size = 64 * 64
     requests = (
         Mask((size,), 20, bits=64, pairs=31),
-        Product(Ref(0, "high"), Ref(0, "top")),
+        Bilinear(Ref(0, "high"), Ref(0, "top"), ring.TIMES),
         SharedBits((size,)),
         AndTriple((512,), 2),
     )

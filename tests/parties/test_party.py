@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from jax import lax
 
+from ciphernav_jax import ring
 from ciphernav_jax.parties import dealer, party, requests, sharing
 from ciphernav_jax.parties.locality import inner_jaxprs
 from ciphernav_jax.parties.messages import openings
@@ -18,7 +19,7 @@ COUNT = 64 * 128
 
 
 def product(d, x, y):
-    return multiply.multiply(d, masked.open_masked(d, x), masked.open_masked(d, y))
+    return multiply.bilinear(d, masked.open_masked(d, x), masked.open_masked(d, y), ring.TIMES)
 
 
 def square(d, x):
@@ -26,8 +27,8 @@ def square(d, x):
 
 
 def inner_product(d, x, y):
-    numbers = (((0,), (0,)), ((), ()))
-    return multiply.dot_general(d, masked.open_masked(d, x), masked.open_masked(d, y), numbers)
+    form = ring.DotProduct((((0,), (0,)), ((), ())))
+    return multiply.bilinear(d, masked.open_masked(d, x), masked.open_masked(d, y), form)
 
 
 def probabilistic(d, x):

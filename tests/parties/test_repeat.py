@@ -5,10 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ciphernav_jax import ring
 from ciphernav_jax.parties import sharing
 from ciphernav_jax.parties.dealer import Planner, Supply
 from ciphernav_jax.parties.repeat import OnCall, take_on_call, take_repeated
-from ciphernav_jax.parties.requests import Mask, Product, SharedBits, WrapCount, Zero
+from ciphernav_jax.parties.requests import Bilinear, Mask, SharedBits, WrapCount, Zero
 from ciphernav_jax.parties.run import run
 from ciphernav_jax.ring import bits
 
@@ -21,7 +22,7 @@ def once(dealer):
     """A body that asks for values shared in each way, and for a product of two of them."""
     mask = dealer.take(Mask((5,), shift=20))
     shared = dealer.take(SharedBits((70,)))
-    product = dealer.take(Product(mask.ref("mask"), mask.ref("high")))
+    product = dealer.take(Bilinear(mask.ref("mask"), mask.ref("high"), ring.TIMES))
     zero = dealer.take(Zero((3,)))["zero"]
     own = dealer.take(WrapCount((5,)))
     named = {"own": own["mask"], "wraps": own["wraps"], "words": shared["words"], "bits": shared["bits"]}

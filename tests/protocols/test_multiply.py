@@ -15,7 +15,7 @@ def python_product(x, y):
 
 
 def product(dealer, x, y):
-    return multiply.multiply(dealer, open_masked(dealer, x), open_masked(dealer, y))
+    return multiply.bilinear(dealer, open_masked(dealer, x), open_masked(dealer, y), ring.TIMES)
 
 
 @pytest.mark.parametrize("parties", [*PARTIES, 8, 16])
@@ -51,8 +51,8 @@ def test_squares_are_exact(parties):
 
 def products_of_one_opening(dealer, x, y, z):
     a, b, c = (open_masked(dealer, v) for v in (x, y, z))
-    return [multiply.multiply(dealer, p, q) for p, q in ((a, b), (b, a), (a, c), (a, a))] + [
-        multiply.dot_general(dealer, a, b, (((0,), (0,)), ((), ())))
+    return [multiply.bilinear(dealer, p, q, ring.TIMES) for p, q in ((a, b), (b, a), (a, c), (a, a))] + [
+        multiply.bilinear(dealer, a, b, ring.DotProduct((((0,), (0,)), ((), ()))))
     ]
 
 
@@ -70,7 +70,8 @@ def products_of_several_terms(dealer, x, y):
     p, q = truncate.probabilistic(dealer, x, 5), truncate.probabilistic(dealer, y, 9)
     bit = convert.to_ring_bit(dealer, dealer.take(SharedBits(x.shape))["words"], x.shape)
     pairs = ((p, q), (bit, q), (p, bit), (bit, bit), (p, p))
-    return [form.share() for form in (p, q, bit)], [multiply.multiply(dealer, a, b) for a, b in pairs]
+    products = [multiply.bilinear(dealer, a, b, ring.TIMES) for a, b in pairs]
+    return [form.share() for form in (p, q, bit)], products
 
 
 @pytest.mark.parametrize("parties", PARTIES)
@@ -86,7 +87,8 @@ def test_products_of_values_with_several_terms_are_exact(parties):
 
 def dot(numbers):
     def program(dealer, x, y):
-        return multiply.dot_general(dealer, open_masked(dealer, x), open_masked(dealer, y), numbers)
+        form = ring.DotProduct(numbers)
+        return multiply.bilinear(dealer, open_masked(dealer, x), open_masked(dealer, y), form)
 
     return program
 

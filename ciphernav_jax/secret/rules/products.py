@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from jax import Array
 
+from ciphernav_jax import ring
 from ciphernav_jax.secret.rules.operands import Operand, scale
 from ciphernav_jax.secret.rules.registry import Unsupported, composed, rule
 from ciphernav_jax.secret.scaling import Public, dot_public, from_public, reciprocal
@@ -81,7 +82,7 @@ def _dot_general(
             context, x, y, dimension_numbers=dimension_numbers, preferred_element_type=np.int64
         ).positive
     if isinstance(x, Value) and isinstance(y, Value):
-        return x.dot_general(y, dimension_numbers)
+        return x.bilinear(y, ring.DotProduct(dimension_numbers))
     if isinstance(x, Value):
         assert not isinstance(y, Value)
         return dot_public(x, y, dimension_numbers, public_left=False)
