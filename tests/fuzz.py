@@ -226,6 +226,7 @@ def ground(folder: Path, *, secret: bool) -> None:
 def halfway(folder: Path) -> None:
     """The training of `plain`, as a kill after its first epoch leaves it."""
     from ciphernav_jax.navigation import trainings
+    from ciphernav_jax.navigation.plain import EndToEnd
 
     def stop(*_: Any) -> None:
         raise Stop

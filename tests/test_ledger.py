@@ -127,7 +127,7 @@ def test_one_seed_for_every_use_is_found(tmp_path, monkeypatch):
     world, test = make(12, seed=0), make(5, seed=1)
     trainings.train_end_to_end(world, "map-only", EndToEnd(epochs=1, batch=60), 0, tmp_path, silent)
     config, model = folders.load(tmp_path)
-    monkeypatch.setattr(trained, "_key", lambda seed, what, how, dataset: keys.root(seed))
+    monkeypatch.setattr(driving, "key_of", lambda seed, what, how, dataset: keys.root(seed))
     with kept() as ledger:
         for dataset in (test, make(5, seed=2)):
             driving.drive(dataset, config, model, 0, 2)

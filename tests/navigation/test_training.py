@@ -11,8 +11,9 @@ import pytest
 import ciphernav_jax as cn
 from ciphernav_jax import files
 from ciphernav_jax.files import BusyError, DamagedError
-from ciphernav_jax.navigation import driving, folders, trainings
+from ciphernav_jax.navigation import driving, features, folders, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
+from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.policies import plain_policy, secret_policy
 from ciphernav_jax.world.poses import LANES
