@@ -66,7 +66,7 @@ def compare(
         What the function raises on its own.
         ValueError: fewer than two parties; nothing to compare; no call to time; OUT holds a comparison of
             another function, of other arguments, with another seed, or from another machine.
-        TypeError: an argument is a `Secret`.
+        TypeError: an argument is a `Secret`, or the function is secure already.
         BusyError: another process compares into OUT.
         ModuleNotFoundError: `out` without matplotlib.
 

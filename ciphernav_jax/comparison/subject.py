@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import is_secret, share
+from ciphernav_jax.secret.secure import Secure
 
 ADDRESS = re.compile(r" at 0x[0-9a-f]+")
 """What a jaxpr's text says of a function that is another in every process."""
@@ -72,10 +73,12 @@ def subject(function: Callable[..., Any], args: tuple[Any, ...], public: Sequenc
     """The function traced, and evaluated in float64 with its gradient.
 
     Raises:
-        TypeError: an argument is a `Secret`.
+        TypeError: an argument is a `Secret`, or the function is secure already.
         ValueError: a number in `public` that no argument has, or none that is left to be secret.
         What the function raises on its own.
     """
+    if isinstance(function, Secure):
+        raise TypeError("the function is secure already: give compare the one that it was made from")
     if any(is_secret(x) for x in jax.tree.leaves(args, is_leaf=is_secret)):
         raise TypeError(
             "an argument is a Secret: give compare plain arrays, it shares them with each protocol"

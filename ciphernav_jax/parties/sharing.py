@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 from jaxtyping import UInt64
 
@@ -18,7 +19,9 @@ from ciphernav_jax.ring.random import Generator
 
 
 def require_parties(parties: int) -> None:
-    """Raises ValueError for fewer than two parties."""
+    """Raises ValueError for fewer than two parties, TypeError for what is no number of them."""
+    if not isinstance(parties, int | np.integer):
+        raise TypeError(f"parties is how many there are, an int, and not a {type(parties).__name__}")
     if parties < 2:
         raise ValueError(f"secret sharing needs at least two parties, got parties={parties}")
 

@@ -121,6 +121,16 @@ class Protocol:
             raise ValueError(f"no variant {text!r}: {error}") from None
 
 
+def chosen(protocol: Protocol | None) -> Protocol:
+    """The protocol, or the default where it is None; raises TypeError for what is no protocol."""
+    if not isinstance(protocol, Protocol | None):
+        raise TypeError(
+            f"the protocol is a Protocol, and not {protocol!r}: write Protocol(truncation=...), or "
+            "Protocol.parse(text)"
+        )
+    return protocol or Protocol()
+
+
 def _bits(name: str, value: str) -> int | None:
     if (name, value) == ("range_bits", "None"):
         return None

@@ -2,6 +2,7 @@
 
 - `seal`: what `jax.tree.map` may do with the shares of a secret.
 - `fresh`: whether a random key is given twice, and to what.
+- `inside`: whether a function on secrets is being traced.
 - `array`: `Secret`, `share`, `reveal`.
 - `resharing`: secrets handed on to other parties.
 - `arguments`: what a function is called with.

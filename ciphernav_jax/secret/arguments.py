@@ -50,10 +50,15 @@ def given(
         static: names of its parameters.
 
     Raises:
+        ValueError: the function has no parameter of a name in `static`.
         TypeError: something else than an array, a number or a `Secret` is not static; what is cannot be
             hashed, or holds a secret; or an argument is being differentiated.
     """
-    names = list(inspect.signature(function).parameters) if static else []
+    parameters = inspect.signature(function).parameters if static else {}
+    names = list(parameters)
+    strays = [name for name in static if name not in names]
+    if strays and all(x.kind is not x.VAR_KEYWORD for x in parameters.values()):
+        raise ValueError(f"static_argnames has {strays[0]!r}; the parameters are {', '.join(names)}")
 
     def prepared(name: str, x: Any) -> Any:
         if name in static:

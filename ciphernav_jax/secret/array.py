@@ -15,8 +15,9 @@ from ciphernav_jax import ring
 from ciphernav_jax.jax_private import Tracer
 from ciphernav_jax.parties import sharing
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.protocols.suite import chosen
 from ciphernav_jax.ring import keys
-from ciphernav_jax.secret import fresh
+from ciphernav_jax.secret import fresh, inside
 from ciphernav_jax.secret.seal import INSTEAD, LOST, is_array, require_moved_along, seal
 
 INTEGER_BOUND = 2**62
@@ -129,11 +130,34 @@ class Secret:
         )
 
     def __array__(self, *_, **__):
-        raise TypeError(
-            "a Secret has no public value. Compute on it inside secure(f), or open it with reveal(x)."
+        raise _refused(
+            "a Secret has no public value", "Compute on it inside secure(f), or open it: reveal(x)."
+        )
+
+    @property
+    def __jax_array__(self):
+        # JAX asks whether there is one, and says of its own that it may not be called.
+        self.__array__()
+
+    def __format__(self, specification: str) -> str:
+        if specification:
+            raise _refused(
+                "a Secret holds shares, which have no digits to show",
+                "Open it where that is agreed: reveal(x).",
+            )
+        return repr(self)
+
+    def __setitem__(self, *_: Any) -> None:
+        raise _refused(
+            "a Secret does not change in place",
+            "Make another inside a secure function: secure(lambda x, y: x.at[i].set(y))(key, x, y).",
         )
 
     def __getattr__(self, name: str) -> Any:
+        if name in ("item", "tolist"):
+            raise AttributeError(
+                f"a Secret holds shares and has no `{name}`. Open it where that is agreed: reveal(x).{name}()"
+            )
         if not name.startswith("_") and hasattr(jax.Array, name):
             raise AttributeError(
                 f"a Secret holds shares and has no `{name}`. Compute on its value inside a secure function: "
@@ -141,15 +165,19 @@ class Secret:
             )
         raise AttributeError(f"a Secret has no attribute {name!r}")
 
-    __jax_array__ = __array__
     __array_ufunc__ = __array__
+
+
+def _refused(what: str, instead: str) -> TypeError:
+    """What is raised where a `Secret` is used as an array: what was wrong, and the way out."""
+    return TypeError(f"{what}. {inside.CLOSED_OVER if inside.is_traced() else instead}")
 
 
 def _refuse(names: str, what: str, instead: str) -> None:
     """Gives `Secret` methods that raise TypeError."""
 
     def refused(self: Secret, *_: Any) -> Any:
-        raise TypeError(f"a Secret holds shares, which do not tell {what}. {instead}")
+        raise _refused(f"a Secret holds shares, which do not tell {what}", instead)
 
     for name in names.split():
         setattr(Secret, f"__{name}__", refused)
@@ -230,15 +258,19 @@ def share(
     Raises:
         ValueError: fewer than two parties; a value out of range or not finite (where it is concrete); a
             `vmap` or a loop over values with one key for all.
-        TypeError: an array of another dtype; or the call is being differentiated.
+        TypeError: no key; None, or an array of another dtype; inside a function on secrets; or the call is
+            being differentiated.
 
     Warns:
         KeyReuseWarning: a key shares a second time, and other values.
         RuntimeWarning: under `jit`, a value that cannot be shared.
     """
-    protocol = protocol or Protocol()
+    inside.require_outside("share", "A plain array meets them as it is, and counts as public.")
+    protocol = chosen(protocol)
     sharing.require_parties(parties)
     fresh.require_key(key, "share")
+    if values is None:
+        raise TypeError("there is nothing to share: the values are None")
     hidden = jax.tree.map(_floats, values, is_leaf=is_secret) if floats_only else values
     fresh.of_each_iteration(key, hidden, "share")
     shared = share_all(key, hidden, parties, protocol)
@@ -248,8 +280,12 @@ def share(
 
 
 def _floats(leaf: Any) -> Any:
-    """None in place of integers and bools, which a pytree passes over."""
-    return leaf if is_secret(leaf) or jnp.issubdtype(jnp.result_type(leaf), np.floating) else None
+    """None in place of integers, bools and random keys, which a pytree passes over."""
+    if is_secret(leaf):
+        return leaf
+    dtype = leaf.dtype if hasattr(leaf, "dtype") else np.asarray(leaf).dtype
+    public = any(jnp.issubdtype(dtype, kind) for kind in (np.integer, np.bool_, jax.dtypes.prng_key))
+    return None if public else leaf
 
 
 def share_all(key: Array, values: Any, parties: int, protocol: Protocol) -> Any:
@@ -258,19 +294,22 @@ def share_all(key: Array, values: Any, parties: int, protocol: Protocol) -> Any:
     def shared(path: Any, leaf: Any) -> Secret:
         if is_secret(leaf):
             raise TypeError("a Secret is shared already: give it to secure functions as it is")
-        return _share_array(keys.derive(key, "share", jax.tree_util.keystr(path)), leaf, parties, protocol)
+        name = jax.tree_util.keystr(path)
+        return _share_array(keys.derive(key, "share", name), name, leaf, parties, protocol)
 
     return jax.tree_util.tree_map_with_path(shared, values, is_leaf=is_secret)
 
 
-def _share_array(key: Array, values: Any, parties: int, protocol: Protocol) -> Secret:
+def _share_array(key: Array, name: str, values: Any, parties: int, protocol: Protocol) -> Secret:
     values = values if isinstance(values, jax.Array) else np.asarray(values)
+    refusal = f"cannot share an array of dtype {values.dtype}{name and f', values{name}'}"
+    refusal += "; share floats, integers or bools"
     if jnp.issubdtype(values.dtype, jax.dtypes.extended):
-        raise TypeError(f"cannot share an array of dtype {values.dtype}; share floats, integers or bools")
+        raise TypeError(refusal)
     dtype = np.dtype(jax.dtypes.canonicalize_dtype(values.dtype))
     # Floats of JAX's own (bfloat16) have a kind of their own, as have integers of 4 bits.
     if not (jnp.issubdtype(dtype, np.floating) or dtype.kind in "iub"):
-        raise TypeError(f"cannot share an array of dtype {dtype}; share floats, integers or bools")
+        raise TypeError(refusal)
     real = jnp.issubdtype(dtype, np.floating)
     frac_bits = protocol.frac_bits if real else 0
     bound = protocol.bound if real else INTEGER_BOUND
@@ -328,7 +367,11 @@ def reveal(x: Any) -> Any:
         Arrays. A float is NaN where the opened number is beyond 2^(62 - frac_bits) in magnitude, where no
         result in range is: a computation left the range, or had a number of which there is none, shared
         (`share`) or public (`secure`), under a trace; int64 is then -2^63.
+
+    Raises:
+        TypeError: inside a function on secrets, which opens nothing.
     """
+    inside.require_outside("reveal", "Nothing is opened there. Return the values, and reveal those.")
     return jax.tree.map(lambda leaf: _reveal_array(leaf) if is_secret(leaf) else leaf, x, is_leaf=is_secret)
 
 

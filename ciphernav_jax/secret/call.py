@@ -18,7 +18,7 @@ from ciphernav_jax.parties.locality import equations, leaves
 from ciphernav_jax.parties.party import from_party_zero
 from ciphernav_jax.parties.recording import Message, run_recorded
 from ciphernav_jax.protocols import Protocol
-from ciphernav_jax.secret import bounds, fresh
+from ciphernav_jax.secret import bounds, fresh, inside
 from ciphernav_jax.secret.arguments import Arguments
 from ciphernav_jax.secret.array import Secret, is_secret
 from ciphernav_jax.secret.evaluator import evaluate, evaluate_closed
@@ -113,7 +113,10 @@ def call(
         args, kwargs = given.plain
         return function(*args, **kwargs)
 
-    jaxpr, shapes = jax.make_jaxpr(called, return_shape=True)(jax.tree.unflatten(tree, abstract))
+    with inside.traced():
+        jaxpr, shapes = jax.make_jaxpr(called, return_shape=True)(jax.tree.unflatten(tree, abstract))
+    if any(map(is_secret, jax.tree.leaves(shapes, is_leaf=is_secret))):
+        raise TypeError(f"the function returns a Secret that is no argument. {inside.CLOSED_OVER}")
     whole = of_function(function)
     _require_local(jaxpr.jaxpr, whole)
     live = jax_private.without_dead_code(jaxpr.jaxpr)
@@ -166,13 +169,14 @@ def _check_secrets(secrets: list[Secret], protocol: Protocol) -> int:
     if not secrets:
         raise ValueError(
             "no argument is secret, so there are no parties to compute. "
-            "Share at least one argument with share(key, values, parties=P)."
+            "Share at least one argument with share(key, values, parties=P); a Secret that the function "
+            "closes over is none, give it as an argument."
         )
     parties = {x.parties for x in secrets}
     if len(parties) > 1:
         raise ValueError(
             f"the secrets belong to different numbers of parties: {sorted(parties)}. "
-            "Share all of them among the same parties."
+            "Share all of them among the same parties, or hand some on: reshare(key, x, parties=P)."
         )
     for x in secrets:
         expected = protocol.frac_bits if jnp.issubdtype(x.dtype, np.floating) else 0

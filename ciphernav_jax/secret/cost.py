@@ -19,7 +19,7 @@ from ciphernav_jax.parties.repeat import OnCall, Repeated
 from ciphernav_jax.parties.requests import Request
 from ciphernav_jax.parties.run import one_partys_jaxpr, online
 from ciphernav_jax.secret.array import is_secret
-from ciphernav_jax.secret.secure import Secure
+from ciphernav_jax.secret.secure import Secure, require_step
 
 # Bytes.
 WORD = 8
@@ -294,12 +294,6 @@ def cost(step: Secure, *args: Any, **kwargs: Any) -> Cost:
 
 def _party_first(args: Any) -> Any:
     return jax.tree.map(lambda x: x.party_first() if is_secret(x) else x, args, is_leaf=is_secret)
-
-
-def require_step(step: Any) -> None:
-    """Raises TypeError for what `secure` has not made."""
-    if not isinstance(step, Secure):
-        raise TypeError(f"expected a function made by secure(f), got {type(step).__name__}")
 
 
 def _deliveries(needed: Plan, parties: int, supply: Any, uses: dict[int, str]) -> tuple[Delivery, ...]:

@@ -49,7 +49,7 @@ def require_key(key: Any, what: str) -> None:
         jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or (key.dtype == jnp.uint32 and key.shape[-1:] == (2,))
     ):
         return
-    whose = "its owner's" if what == "share" else "the dealer's"
+    whose = {"share": "its owner's", "reshare": "the parties'"}.get(what, "the dealer's")
     raise TypeError(
         f"the first argument of {_called(what)} is {whose} random key, jax.random.key(seed), and not a "
         f"{type(key).__name__}"
@@ -106,7 +106,7 @@ def _guard(what: str) -> Any:
 
 
 def _called(what: str) -> str:
-    return "share" if what == "share" else "a secure function"
+    return "a secure function" if what == "step" else what
 
 
 # --- loops --------------------------------------------------------------------------------------------

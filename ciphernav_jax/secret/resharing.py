@@ -8,8 +8,9 @@ from jax import Array
 
 from ciphernav_jax.parties import sharing
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.protocols.suite import chosen
 from ciphernav_jax.ring import keys
-from ciphernav_jax.secret import fresh
+from ciphernav_jax.secret import fresh, inside
 from ciphernav_jax.secret.array import Secret, is_secret
 
 
@@ -31,7 +32,7 @@ def reshare(key: Array, x: Any, *, parties: int, protocol: Protocol | None = Non
 
     Raises:
         ValueError: fewer than two parties; a `vmap` or a loop over secrets with one key for all.
-        TypeError: no key.
+        TypeError: no key; or inside a function on secrets.
 
     Warns:
         KeyReuseWarning: a key hands on a second time, and other secrets.
@@ -44,10 +45,11 @@ def reshare(key: Array, x: Any, *, parties: int, protocol: Protocol | None = Non
         >>> y.parties, cn.reveal(y).tolist()
         (5, [1.5, -2.0])
     """
-    fresh.require_key(key, "share")
+    inside.require_outside("reshare", "Return the values, and hand those on.")
+    fresh.require_key(key, "reshare")
     sharing.require_parties(parties)
     fresh.of_each_iteration(key, x, "share")
-    generator = (protocol or Protocol()).generator
+    generator = chosen(protocol).generator
 
     def handed_on(path: Any, leaf: Any) -> Any:
         if not is_secret(leaf):

@@ -15,8 +15,9 @@ from jax.sharding import Mesh
 
 from ciphernav_jax.jax_private import Tracer
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.protocols.suite import chosen
 from ciphernav_jax.ring.fixed_point import require_x64
-from ciphernav_jax.secret import fresh
+from ciphernav_jax.secret import fresh, inside
 from ciphernav_jax.secret.arguments import Arguments, given
 from ciphernav_jax.secret.call import Call, call
 from ciphernav_jax.secret.findings import Findings
@@ -55,6 +56,7 @@ class Secure:
 
     def given(self, *args: Any, **kwargs: Any) -> Arguments:
         """The arguments of a call, ready to be traced."""
+        inside.require_outside(repr(self), "Call the function that it was made from: step.function(x).")
         return given(self.function, self.static_argnames, args, kwargs)
 
     def computed(self, key: Array, given: Arguments) -> Any:
@@ -141,14 +143,15 @@ def secure(
     Raises (when called):
         NotImplementedError: the function uses an operation that has no rule, or reaches out of itself
             (callbacks, `jax.debug.print`); the message names it, its line in the function, and a way out.
-        ValueError: no secret among the arguments; secrets of different numbers of parties; a precision
-            other than the protocol's; local truncation for more than two parties; a `vmap` or a loop over
-            arguments with one key for all; a public number that meets a secret and is NaN, or multiplies or
-            divides it and is not finite, out of range, or a zero divisor. The message names the line in the
-            function. Under a trace around the call nobody can look at the number; then `reveal` gives NaN
-            for all secret float results, -2^63 for int64.
-        TypeError: it is being differentiated; write `secure(jax.grad(f))`. Or the key is none, or an argument
-            is no array and not static.
+        ValueError: no secret among the arguments; a name in `static_argnames` that no parameter has; secrets
+            of different numbers of parties; a precision other than the protocol's; local truncation for more
+            than two parties; a `vmap` or a loop over arguments with one key for all; a public number that
+            meets a secret and is NaN, or multiplies or divides it and is not finite, out of range, or a zero
+            divisor. The message names the line in the function. Under a trace around the call nobody can look
+            at the number; then `reveal` gives NaN for all secret float results, -2^63 for int64.
+        TypeError: it is being differentiated; write `secure(jax.grad(f))`. It is called inside a function on
+            secrets, or the function closes over a `Secret`. The key is none, or an argument is no array and
+            not static.
 
     Warns (when called):
         KeyReuseWarning: a key is given a second time, with other arguments or to another function.
@@ -157,8 +160,16 @@ def secure(
         return partial(secure, protocol=protocol, static_argnames=static_argnames)
     if isinstance(function, Secure):
         raise TypeError("the function is secure already: give it secrets as it is")
+    if not callable(function):
+        raise TypeError(f"secure takes a function, and not a {type(function).__name__}: secure(f)(key, x)")
     static = (static_argnames,) if isinstance(static_argnames, str) else tuple(static_argnames)
-    return Secure(function, protocol or Protocol(), static)
+    return Secure(function, chosen(protocol), static)
+
+
+def require_step(step: Any) -> None:
+    """Raises TypeError for what `secure` has not made."""
+    if not isinstance(step, Secure):
+        raise TypeError(f"expected a function made by secure(f), got {type(step).__name__}")
 
 
 def deploy(step: Secure, mesh: Mesh) -> Secure:
@@ -174,6 +185,11 @@ def deploy(step: Secure, mesh: Mesh) -> Secure:
         is computed from `key` by every process, which stands in for a dealer that hands each party its own: a
         test of the program on real messages, not yet a deployment among parties that distrust one another.
     """
+    require_step(step)
+    if not isinstance(mesh, Mesh):
+        raise TypeError(
+            f'a {type(mesh).__name__} is no mesh of devices: jax.make_mesh((parties,), ("party",)) is one'
+        )
     if step.protocol.ideal:
         raise ValueError(
             f"an ideal variant is no protocol that parties could carry out ({step.protocol}). "

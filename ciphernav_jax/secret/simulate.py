@@ -10,6 +10,7 @@ import numpy as np
 from jax import Array
 
 from ciphernav_jax.protocols import Protocol
+from ciphernav_jax.protocols.suite import chosen
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret.array import reveal, share_all
 from ciphernav_jax.secret.secure import secure
@@ -50,7 +51,7 @@ def simulate(
             concrete).
         NotImplementedError: `function` or its pullback uses an operation that has no rule.
     """
-    protocol = protocol or Protocol()
+    protocol = chosen(protocol)
     step = secure(function, protocol=protocol)
 
     @jax.custom_vjp

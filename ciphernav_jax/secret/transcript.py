@@ -6,9 +6,8 @@ from typing import Any
 from jax import Array
 
 from ciphernav_jax.parties.recording import Message
-from ciphernav_jax.secret.cost import require_step
 from ciphernav_jax.secret.programs import Compiled
-from ciphernav_jax.secret.secure import Secure
+from ciphernav_jax.secret.secure import Secure, require_step
 
 
 def transcript(step: Secure) -> Callable[..., tuple[Any, tuple[Message, ...]]]:

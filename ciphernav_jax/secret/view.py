@@ -11,9 +11,8 @@ from jax import Array
 from ciphernav_jax.parties import sharing
 from ciphernav_jax.parties.dealer import deal
 from ciphernav_jax.parties.recording import Message
-from ciphernav_jax.secret.cost import require_step
 from ciphernav_jax.secret.programs import Compiled
-from ciphernav_jax.secret.secure import Secure
+from ciphernav_jax.secret.secure import Secure, require_step
 
 
 class Seen(NamedTuple):

@@ -85,6 +85,13 @@ def test_names_and_signature_are_the_functions():
     assert inspect.getdoc(step) == "Scales."
 
 
+def double(x):
+    return 2 * x
+
+
+DOUBLED = cn.secure(double)
+CLOSED_OVER = r"closes over public values alone. Give it the Secret as an argument: secure\(f\)\(key, x\)"
+
 MISTAKES = {
     "no key": (
         lambda x: cn.secure(jnp.sin)(x),
@@ -102,6 +109,59 @@ MISTAKES = {
     "shared twice": (lambda x: cn.share(KEY, x, parties=2), "a Secret is shared already"),
     "an operator": (lambda x: x + 1, "secure"),
     "a float": (lambda x: float(x), "reveal"),
+    "a seed to hand on with": (lambda x: cn.reshare(0, x, parties=3), "first argument of reshare.*a int"),
+    "nothing to share": (lambda x: cn.share(KEY, None, parties=2), "nothing to share.*None"),
+    "a string to share": (lambda x: cn.share(KEY, "1.5", parties=2), "dtype <U3; share floats"),
+    "an object among others": (
+        lambda x: cn.share(KEY, {"a": X, "b": [np.array([X, None], object)]}, parties=2),
+        r"dtype object, values\['b'\]\[0\]; share floats",
+    ),
+    "an object, floats only": (
+        lambda x: cn.share(KEY, np.array([1.5, None], object), parties=2, floats_only=True),
+        "dtype object; share floats",
+    ),
+    "half a party": (lambda x: cn.share(KEY, X, parties=2.0), "how many there are, an int, and not a float"),
+    "a variant for a protocol": (lambda x: cn.share(KEY, X, parties=2, protocol="nearest"), "Protocol.parse"),
+    "secure of it": (lambda x: cn.secure(x), "secure takes a function, and not a Secret"),
+    "secure by a name": (lambda x: cn.secure(jnp.sin, protocol="nearest"), "Protocol.parse"),
+    "deploy of a plain function": (lambda x: cn.deploy(jnp.sin, None), r"made by secure\(f\)"),
+    "deploy on nothing": (lambda x: cn.deploy(cn.secure(jnp.sin), None), "jax.make_mesh"),
+    "cost of a plain function": (lambda x: cn.cost(jnp.sin, x), r"made by secure\(f\)"),
+    "compare of a secure one": (lambda x: cn.compare(cn.secure(jnp.sin), X), "the one that it was made from"),
+    "jnp": (lambda x: jnp.sum(x), "no public value.*secure.*reveal"),
+    "jnp beside an array": (lambda x: jnp.ones(2) + x, "no public value.*secure.*reveal"),
+    "lax": (lambda x: jax.lax.sin(x), "type .*Secret"),
+    "numpy": (lambda x: np.asarray(x), "no public value.*secure.*reveal"),
+    "a comparison": (lambda x: 1 if x > 0 else 2, "x > y.*secure"),
+    "an if": (lambda x: 1 if x else 2, "jnp.where.*reveal"),
+    "digits": (lambda x: f"{x:.3f}", "no digits.*reveal"),
+    "in place": (lambda x: x.__setitem__(0, 1.0), r"x.at\[i\].set"),
+    "entries of a scalar": (lambda x: list(x[0, 0]), r"len\(\) of a secret scalar"),
+    "secure in secure": (
+        lambda x: cn.secure(lambda x: DOUBLED(KEY, x))(KEY, x),
+        r"secure\(double\) is called inside a function on secrets.*step.function",
+    ),
+    "jitted secure in secure": (
+        lambda x: cn.secure(lambda x: jax.jit(DOUBLED)(KEY, x))(KEY, x),
+        "is called inside a function on secrets.*step.function",
+    ),
+    "cost in secure": (lambda x: cn.secure(lambda x: cn.cost(DOUBLED, x))(KEY, x), "step.function"),
+    "share in secure": (
+        lambda x: cn.secure(lambda x: cn.share(KEY, X, parties=2))(KEY, x),
+        "share is called inside a function on secrets.*counts as public",
+    ),
+    "reveal in secure": (
+        lambda x: cn.secure(lambda x: cn.reveal(x))(KEY, x),
+        "reveal is called inside a function on secrets.*Return the values",
+    ),
+    "reshare in secure": (
+        lambda x: cn.secure(lambda x: cn.reshare(KEY, x, parties=3))(KEY, x),
+        "reshare is called inside a function on secrets.*Return the values",
+    ),
+    "closed over": (lambda x: cn.secure(lambda y: y + x)(KEY, x), CLOSED_OVER),
+    "closed over by jnp": (lambda x: cn.secure(lambda y: y + jnp.sum(x))(KEY, x), CLOSED_OVER),
+    "closed over, an entry": (lambda x: cn.secure(lambda y: x[0] * x[1])(KEY, x), CLOSED_OVER),
+    "closed over and returned": (lambda x: cn.secure(lambda y: {"y": y, "x": x})(KEY, x), CLOSED_OVER),
 }
 
 
@@ -110,6 +170,50 @@ def test_a_newcomers_mistakes_are_answered_with_what_to_write(name, x):
     mistake, message = MISTAKES[name]
     with pytest.raises(TypeError, match=message):
         mistake(x)
+
+
+NO_PARTIES = "no argument is secret.*closes over is none, give it as an argument"
+DISAGREEING = {
+    "only closed over": (lambda x: cn.secure(lambda: x + 1)(KEY), NO_PARTIES),
+    "closed over beside public": (lambda x: cn.secure(lambda y: y + x)(KEY, X), NO_PARTIES),
+    "parties": (
+        lambda x: cn.secure(jnp.add)(KEY, x, cn.share(jax.random.key(30), X, parties=3)),
+        r"different numbers of parties: \[2, 3\].*reshare",
+    ),
+    "protocols": (
+        lambda x: cn.secure(jnp.sin, protocol=cn.Protocol(frac_bits=16))(KEY, x),
+        "20 fractional bits, the protocol 16.*the same protocol",
+    ),
+    "static names": (
+        lambda x: cn.secure(widened, static_argnames="times")(KEY, x, 3),
+        "static_argnames has 'times'; the parameters are x, n, mode",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DISAGREEING)
+def test_arguments_that_do_not_belong_together_are_told_apart(name, x):
+    mistake, message = DISAGREEING[name]
+    with pytest.raises(ValueError, match=message):
+        mistake(x)
+
+
+def test_after_a_refusal_one_is_outside_again(x):
+    with pytest.raises(TypeError, match="inside a function on secrets"):
+        cn.secure(cn.reveal)(KEY, x)
+    np.testing.assert_array_equal(cn.reveal(DOUBLED(KEY, x)), 2 * X)
+    assert f"{x}" == f"{x!r}"
+
+
+def test_what_is_public_already_is_revealed_as_it_is():
+    assert cn.reveal(X) is X
+    assert cn.reveal({"a": None, "b": "c"}) == {"a": None, "b": "c"}
+
+
+@pytest.mark.parametrize("name", ["item", "tolist"])
+def test_numbers_are_had_by_opening(name, x):
+    with pytest.raises(AttributeError, match=rf"reveal\(x\).{name}\(\)"):
+        getattr(x, name)
 
 
 @pytest.mark.parametrize("name", ["sum", "mean", "T", "max", "reshape", "astype", "at"])
