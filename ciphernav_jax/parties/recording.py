@@ -11,7 +11,7 @@ from jaxtyping import UInt64
 from ciphernav_jax.jax_private import Jaxpr, JaxprEqn, Literal, bind, place, scan_parts
 from ciphernav_jax.parties import party
 from ciphernav_jax.parties.dealer import deal
-from ciphernav_jax.parties.jaxprs import names, opened_up, wrapped
+from ciphernav_jax.parties.jaxprs import labels, names, opened_up, wrapped
 from ciphernav_jax.parties.locality import collective
 from ciphernav_jax.parties.messages import Opening, openings, openings_within
 from ciphernav_jax.parties.run import DealtProgram, one_partys_jaxpr, online, plan
@@ -110,10 +110,11 @@ def _message(name: str | None, operands: list[Any], results: list[Any]) -> tuple
 
 def _scan(eqn: JaxprEqn, operands: list[Any], stack: str) -> Recorded:
     if eqn.primitive.name != "scan":
+        line = next(reversed(labels(stack, "at")), place(eqn))
         raise NotImplementedError(
-            f"cannot record what is opened inside `{eqn.primitive.name}`, at "
-            f"{place(eqn)}: how much is sent depends on public values that "
-            "are known only when it runs. Use lax.scan, or record the branch or the body by itself."
+            f"cannot record what is opened inside `{eqn.primitive.name}`, at {line}: how much is sent "
+            "depends on public values that are known only when it runs. Use lax.scan, or record the branch or "
+            "the body by itself."
         )
     params = eqn.params
     jaxpr, consts = opened_up(params["jaxpr"])

@@ -14,7 +14,7 @@ from ciphernav_jax import jax_private, ring
 from ciphernav_jax.jax_private import Jaxpr, Tracer
 from ciphernav_jax.parties import run
 from ciphernav_jax.parties.dealer import Plan
-from ciphernav_jax.parties.locality import equations, leaves
+from ciphernav_jax.parties.locality import inner_jaxprs, leaves
 from ciphernav_jax.parties.party import from_party_zero
 from ciphernav_jax.parties.recording import Message, run_recorded
 from ciphernav_jax.protocols import Protocol
@@ -23,7 +23,7 @@ from ciphernav_jax.secret.arguments import Arguments
 from ciphernav_jax.secret.array import Secret, is_secret
 from ciphernav_jax.secret.evaluator import evaluate, evaluate_closed
 from ciphernav_jax.secret.findings import Findings
-from ciphernav_jax.secret.places import Place, of_function, place
+from ciphernav_jax.secret.places import Place, place
 from ciphernav_jax.secret.rules.operands import at_rest
 from ciphernav_jax.secret.value import Context, Value
 from ciphernav_jax.secret.witness import Notes, Witness
@@ -89,13 +89,18 @@ class Call:
 
 
 def call(
-    function: Callable[..., Any], protocol: Protocol, given: Arguments, witness: Witness | None = None
+    function: Callable[..., Any],
+    protocol: Protocol,
+    given: Arguments,
+    whole: Place,
+    witness: Witness | None = None,
 ) -> Call:
     """Traces a function on secrets; nothing is run.
 
     Args:
         function, protocol: as for `secure`.
         given: the arguments, or their shapes.
+        whole: the place of operations of which no line is known.
         witness: who watches the program.
 
     Raises:
@@ -117,7 +122,6 @@ def call(
         jaxpr, shapes = jax.make_jaxpr(called, return_shape=True)(jax.tree.unflatten(tree, abstract))
     if any(map(is_secret, jax.tree.leaves(shapes, is_leaf=is_secret))):
         raise TypeError(f"the function returns a Secret that is no argument. {inside.CLOSED_OVER}")
-    whole = of_function(function)
     _require_local(jaxpr.jaxpr, whole)
     live = jax_private.without_dead_code(jaxpr.jaxpr)
     outputs, out_tree = jax.tree.flatten(shapes)
@@ -188,13 +192,16 @@ def _check_secrets(secrets: list[Secret], protocol: Protocol) -> int:
     return parties.pop()
 
 
-def _require_local(jaxpr: Jaxpr, function: Place) -> None:
-    for eqn in equations(jaxpr):
+def _require_local(jaxpr: Jaxpr, outside: Place) -> None:
+    for eqn in jaxpr.eqns:
+        here = place(eqn, outside)
+        for inner in inner_jaxprs(eqn):
+            _require_local(inner, here)
         if leaves(eqn):
             raise NotImplementedError(
                 f"cannot evaluate `{eqn.primitive.name}` in a function on secrets: it reaches out of the "
                 "function, where nobody can follow what a party tells. It comes from "
-                f"{place(eqn, function)}. Print and call Python outside, on public arguments and on what was "
+                f"{here}. Print and call Python outside, on public arguments and on what was "
                 "revealed; and give the function what a callback returns as an argument."
             )
 

@@ -89,7 +89,8 @@ def _apply_rule(context: Context, eqn: JaxprEqn, operands: list[Any]) -> Any:
             raise Unsupported("it has no rule")
         with nullcontext() if context.composed else jax.named_scope(f"primitive:{name}"):
             if name in CONTROL_FLOW:
-                return RULES[name](context, *operands, **eqn.params)
+                with jax.named_scope(f"at:{context.place.short}"):  # for who reads the program
+                    return RULES[name](context, *operands, **eqn.params)
             _check_dtype(name, eqn)
             looked_at = integers.looked_at(eqn, operands)
             return integers.of_its_type(eqn, RULES[name](context, *looked_at, **eqn.params))

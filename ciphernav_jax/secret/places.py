@@ -1,6 +1,8 @@
 """Where an equation comes from: the line in the user's own function."""
 
 import inspect
+import os
+import sys
 import sysconfig
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,9 +11,12 @@ from typing import Any
 
 from ciphernav_jax.jax_private import JaxprEqn, frames
 
-# What is installed is no user's; nor is what evaluates a user's function.
-_INSTALLED = tuple({sysconfig.get_path("purelib"), sysconfig.get_path("platlib")})
-_ENGINE = str(Path(__file__).parent)
+# Where no line is a user's: in what is installed, wherever that is; in Python's own modules (a wrapper that
+# `contextlib` makes); and in what evaluates a user's function.
+_INSTALLED = {"site-packages", "dist-packages"}
+_STANDARD = sysconfig.get_path("stdlib") + os.sep
+_ENGINE = str(Path(__file__).parent) + os.sep
+_PACKAGE = __name__.partition(".")[0]
 
 
 @dataclass(frozen=True)
@@ -41,14 +46,28 @@ def place(eqn: JaxprEqn, outside: Place) -> Place:
     lines is the user's. There it is `outside`, the place of the equation that calls the function.
     """
     for file, line, function in frames(eqn):
-        if not file.startswith((*_INSTALLED, _ENGINE)):
+        if _of_user(file):
             return Place(file, line, function)
     return outside
 
 
+def _of_user(file: str) -> bool:
+    return not (file.startswith((_ENGINE, _STANDARD)) or _INSTALLED & {*Path(file).parts})
+
+
 def of_function(function: Callable[..., Any]) -> Place:
-    """Where a function is defined."""
+    """Where the user wrote a function; of a library's, `jnp.exp`, the line that is being carried out, which
+    names it.
+    """
     function = inspect.unwrap(function)
-    name = getattr(function, "__name__", type(function).__name__)
     code = getattr(function, "__code__", None)
-    return Place(code.co_filename, code.co_firstlineno, name) if code else Place("", 0, name)
+    if code and _of_user(code.co_filename):
+        return Place(code.co_filename, code.co_firstlineno, function.__name__)
+    frame = sys._getframe()
+    while frame is not None:
+        code, module = frame.f_code, frame.f_globals.get("__name__", "")
+        # A dataclass's methods have no file, but the names of their module.
+        if _of_user(code.co_filename) and module.partition(".")[0] != _PACKAGE:
+            return Place(code.co_filename, frame.f_lineno, code.co_qualname)
+        frame = frame.f_back
+    return UNKNOWN

@@ -21,6 +21,7 @@ from ciphernav_jax.secret import fresh, inside
 from ciphernav_jax.secret.arguments import Arguments, given
 from ciphernav_jax.secret.call import Call, call
 from ciphernav_jax.secret.findings import Findings
+from ciphernav_jax.secret.places import Place, of_function
 from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.witness import Notes, Witness
 
@@ -37,10 +38,12 @@ class Secure:
     mesh: Mesh | None = None
     jitted: Callable[..., Any] = field(init=False)
     closed_over: list[Tracer] = field(init=False, default_factory=list)
+    place: Place = field(init=False)
 
     def __post_init__(self):
         # jit keeps public arguments abstract, so that what a program asks the dealer for never depends on
         # them.
+        object.__setattr__(self, "place", of_function(self.function))
         object.__setattr__(self, "jitted", Compiled(partial(self.witnessed, witness=None)))
         for name in ("__name__", "__qualname__", "__module__", "__doc__"):
             if hasattr(self.function, name):
@@ -84,7 +87,7 @@ class Secure:
 
     def call(self, given: Arguments, witness: Witness | None = None) -> Call:
         """The call with these arguments, traced, as a value. Nothing is run."""
-        return call(self.function, self.protocol, given, witness)
+        return call(self.function, self.protocol, given, self.place, witness)
 
     def witnessed(
         self, key: Array, given: Arguments, witness: Witness | None
