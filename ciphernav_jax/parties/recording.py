@@ -113,8 +113,8 @@ def _scan(eqn: JaxprEqn, operands: list[Any], stack: str) -> Recorded:
         line = next(reversed(labels(stack, "at")), place(eqn))
         raise NotImplementedError(
             f"cannot record what is opened inside `{eqn.primitive.name}`, at {line}: how much is sent "
-            "depends on public values that are known only when it runs. Use lax.scan, or record the branch or "
-            "the body by itself."
+            "depends on public values that are known only when it runs. Use lax.scan, or record the branch "
+            "or the body by itself."
         )
     params = eqn.params
     jaxpr, consts = opened_up(params["jaxpr"])

@@ -264,7 +264,7 @@ def _times_limbs(x: Value, constant: np.ndarray) -> tuple[Value, np.ndarray]:
 # --- numbers that only the run knows ----------------------------------------------------------------
 
 
-def times_public(x: Value, public: Array) -> Value:
+def times_public(context: Context, x: Value, public: Array) -> Value:
     """A secret times a public array that only the run knows, with broadcasting. Local, but for truncations.
 
     Integers and bools multiply exactly. A float is encoded in two limbs, to 2^-(2f + 1), so that the product
@@ -275,7 +275,7 @@ def times_public(x: Value, public: Array) -> Value:
     if not is_float(public):
         bound = x.bound * bounds.shared(protocol, public.dtype)
         if x.waits and bound > x.most(x.frac_bits):
-            return times_public(x.settled, public)
+            return times_public(context, x.settled, public)
         return Value(x.context, x.frac_bits, bound, share=x.share * ring.encode(public, 0))
     x = x.settled.shorter
 
@@ -286,8 +286,8 @@ def times_public(x: Value, public: Array) -> Value:
 
     finest, e = _useful_bits(x), 2 * protocol.frac_bits - x.frac_bits
     if finest <= e:
-        return times_limb(x, _encoded(x.context, public, finest), finest, bounds.SIGNED)
-    first = _encoded(x.context, public, e)
+        return times_limb(x, _encoded(context, public, finest), finest, bounds.SIGNED)
+    first = _encoded(context, public, e)
     product = times_limb(x, first, e, bounds.SIGNED)
     rest = public.astype(jnp.float64) - ring.decode(first, e)
     # It is at most 2^-(e + 1): of a large x the last bits do not matter.
@@ -299,7 +299,14 @@ def times_public(x: Value, public: Array) -> Value:
 # --- contractions -----------------------------------------------------------------------------------
 
 
-def dot_public(x: Value, public: Public, dimension_numbers: DimensionNumbers, *, public_left: bool) -> Value:
+def dot_public(
+    context: Context,
+    x: Value,
+    public: Public,
+    dimension_numbers: DimensionNumbers,
+    *,
+    public_left: bool,
+) -> Value:
     """The tensor product of a secret and a public array. Local; the truncation is left pending.
 
     Integers multiply exactly. A float is encoded to 2^-f as if it were shared; to 2^-2f where x is an
@@ -315,7 +322,7 @@ def dot_public(x: Value, public: Public, dimension_numbers: DimensionNumbers, *,
         reach = 1 + int(1.000001 * np.max(np.sum(np.abs(encoded.astype(np.float64)), axis=axes), initial=0.0))
         encoded = encoded.view(np.uint64)
     else:
-        encoded = _encoded(x.context, public, e) if is_float(public) else ring.encode(public, 0)
+        encoded = _encoded(context, public, e) if is_float(public) else ring.encode(public, 0)
     left, right = (encoded, x.share) if public_left else (x.share, encoded)
     share = ring.dot_general(jnp.asarray(left), jnp.asarray(right), dimension_numbers)
     bound = min(x.bound * reach, bounds.product(protocol, x.frac_bits + e))

@@ -37,6 +37,8 @@ def bit(x: Value) -> Value:
     return Value(x.context, 0, 1, share=x.share)
 
 
-def scale(x: Value, public: Public) -> Value:
+def scale(context: Context, x: Value, public: Public) -> Value:
     """A secret times a public number."""
-    return times_constant(x, public) if isinstance(public, np.ndarray) else times_public(x, public)
+    if isinstance(public, np.ndarray):
+        return times_constant(x, public)
+    return times_public(context, x, public)

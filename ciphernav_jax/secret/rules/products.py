@@ -31,22 +31,23 @@ class OneOfTwo(Value):
         low, high = (reciprocal(self.context, x) for x in (self.on_false, self.on_true))
         return OneOfTwo(self.context, self.bit, low, high)
 
-    def multiply(self, x: Value) -> Value:
+    def multiply(self, context: Context, x: Value) -> Value:
         """x times this value."""
-        return where(self.bit, scale(x, self.on_true), scale(x, self.on_false))
+        on_true, on_false = (scale(context, x, public) for public in (self.on_true, self.on_false))
+        return where(self.bit, on_true, on_false)
 
 
 @rule("mul")
 def mul(context: Context, x: Operand, y: Operand, **_: Any) -> Value:
     for one, other in ((x, y), (y, x)):
         if isinstance(one, OneOfTwo) and isinstance(other, Value):
-            return one.multiply(other)
+            return one.multiply(context, other)
     if isinstance(x, Value) and isinstance(y, Value):
         return x.times(y)
     secret, public = (x, y) if isinstance(x, Value) else (y, x)
     assert isinstance(secret, Value)
     assert not isinstance(public, Value)
-    return scale(secret, public)
+    return scale(context, secret, public)
 
 
 @rule("div")
@@ -85,6 +86,6 @@ def _dot_general(
         return x.bilinear(y, ring.DotProduct(dimension_numbers))
     if isinstance(x, Value):
         assert not isinstance(y, Value)
-        return dot_public(x, y, dimension_numbers, public_left=False)
+        return dot_public(context, x, y, dimension_numbers, public_left=False)
     assert isinstance(y, Value)
-    return dot_public(y, x, dimension_numbers, public_left=True)
+    return dot_public(context, y, x, dimension_numbers, public_left=True)

@@ -129,7 +129,7 @@ def _pairwise(context: Context, x: Value) -> Value:
     lost[np.arange(len(low)), high] = -1
     # An entry loses to the later ones that are larger, and to the earlier ones unless it is itself larger.
     contract = (((later_wins.share.ndim - 1,), (0,)), ((), ()))
-    losses = dot_public(later_wins, lost, contract, public_left=False)
+    losses = dot_public(context, later_wins, lost, contract, public_left=False)
     beaten = losses.add(from_public(context, np.arange(n))).positive
     index = times_constant(logical_not(context, beaten), np.arange(n))
     return index.summed(n, lambda share: jnp.sum(share, axis=-1, dtype=jnp.uint64))
