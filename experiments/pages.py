@@ -19,7 +19,8 @@ from PIL import Image, ImageDraw, ImageFont
 import ciphernav_jax
 from ciphernav_jax.files import write_bytes, write_text
 from ciphernav_jax.world import topview
-from ciphernav_jax.world.grid import LAYOUTS, START, WALLS
+from ciphernav_jax.world.grid import LAYOUT_PROBABILITIES, LAYOUTS, START, WALLS
+from ciphernav_jax.world.poses import centre
 from ciphernav_jax.world.scenario import Scenario
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -58,22 +59,26 @@ def _said(thing: Any) -> str:
     return re.match(r".*?[.:;](?= [A-Z`]|$)|.*", text)[0].rstrip(".:;")  # pyright: ignore[reportOptionalSubscript]
 
 
-def layouts(columns: int = 6, size: int = 140) -> Image.Image:
-    """The layouts from above, with their numbers."""
-    margin, line = 8, 16
+def layouts(columns: int = 4, size: int = 230) -> Image.Image:
+    """The layouts from above, with their numbers and probabilities, and the numbers of the free cells."""
+    margin, line = 10, 20
     rows = -(-len(LAYOUTS) // columns)
     page = Image.new(
         "RGB", (columns * (size + margin) + margin, rows * (size + line + margin) + margin), "white"
     )
-    pen, font = ImageDraw.Draw(page), ImageFont.load_default(12)
+    pen, font, small = ImageDraw.Draw(page), ImageFont.load_default(15), ImageFont.load_default(12)
     for number in range(len(LAYOUTS)):
         row, column = divmod(number, columns)
         left, top = margin + column * (size + margin), margin + row * (size + line + margin)
-        pen.text((left, top), f"layout {number}", "black", font)
+        pen.text((left, top), f"layout {number}, {LAYOUT_PROBABILITIES[number]:.0%}", "black", font)
         # A wall cannot be the goal: none is drawn.
         wall = int(np.flatnonzero(WALLS[number])[0])
         world = Scenario(number, start_heading=3, goal=wall, obstacles=())
         page.paste(Image.fromarray(topview.draw(world, (START,), size=size)), (left, top + line))
+        for cell in np.flatnonzero(~WALLS[number]).tolist():
+            if cell != START:  # where the robot stands
+                x, z = topview.pixel(centre(cell), size).tolist()
+                pen.text((left + x, top + line + z), str(cell), "black", small, anchor="mm")
     return page
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ciphernav_jax.world.grid import ACTIONS, CELLS, MAX_ACTIONS, START, STOP, WALL, WALLS, map_code, move
 from ciphernav_jax.world.poses import CAMERAS, IMAGE_SHAPE, VIEWS, agent_pose
 from ciphernav_jax.world.renderer import renderer
-from ciphernav_jax.world.scenario import START_HEADINGS, Scenario, draw
+from ciphernav_jax.world.scenario import START_HEADINGS, Scenario, check, draw
 from ciphernav_jax.world.topview import draw as draw_topview
 from ciphernav_jax.world.window import Window
 
@@ -50,8 +50,11 @@ class ObstacleWorld(gymnasium.Env[Observation, np.int64]):
             "human" shows it in a window.
         start: "random" for a start heading east or south, "deterministic" for east, with the
             top lane in view.
-        layout: 0..11 fixes the layout, see `grid.LAYOUTS`.
-        obstacles: fixes the obstacles' cells, up to three; their shapes and places stay random.
+        layout: 0..11 fixes the layout, see `grid.LAYOUTS`; of several, such as (8, 9), one is drawn
+            for each episode, by their probabilities.
+        obstacles: how many, 0..13, or their cells; shapes and places stay random. The paper's
+            world has 1 to 3, drawn by their probabilities. Whatever stands there, two cells or
+            more can be reached, and the goal is one of those.
         detour: fixes whether the obstacles change the shortest path; natural by default.
 
     `reset(options=...)` takes `start`, `layout`, `obstacles` and `detour` for one episode, or a
@@ -59,7 +62,14 @@ class ObstacleWorld(gymnasium.Env[Observation, np.int64]):
 
     Raises:
         GLUnavailable: on import of this module or on the first view, when OpenGL is missing.
-        ValueError: for an option that is unknown or out of range.
+        ValueError: for an option that is unknown or out of range; or on `reset`, when no such
+            world turns up.
+
+    Example:
+        >>> world = ObstacleWorld(layout=(8, 9), obstacles=5)
+        >>> observation, info = world.reset(seed=0)
+        >>> world.scenario.layout in (8, 9), len(world.scenario.obstacles)
+        (True, 5)
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - gymnasium's form
@@ -69,8 +79,8 @@ class ObstacleWorld(gymnasium.Env[Observation, np.int64]):
         render_mode: Literal["human", "rgb_array"] | None = None,
         *,
         start: Literal["random", "deterministic"] = "random",
-        layout: int | None = None,
-        obstacles: tuple[int, ...] | None = None,
+        layout: int | tuple[int, ...] | None = None,
+        obstacles: int | tuple[int, ...] | None = None,
         detour: bool | None = None,
     ):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -84,6 +94,7 @@ class ObstacleWorld(gymnasium.Env[Observation, np.int64]):
         self.render_mode = render_mode
         self.scenario: Scenario
         self._options = {"start": start, "layout": layout, "obstacles": obstacles, "detour": detour}
+        check(layout, _heading(start), obstacles)
         self._window: Window | None = None
 
     def reset(
@@ -155,11 +166,7 @@ class ObstacleWorld(gymnasium.Env[Observation, np.int64]):
                 raise ValueError(f"A whole scenario leaves nothing to {', '.join(options)}.")
             return scenario
         options = self._options | options
-        start = options.pop("start")
-        if start not in ("random", "deterministic"):
-            raise ValueError(f'start={start!r} is neither "random" nor "deterministic".')
-        heading = START_HEADINGS[0] if start == "deterministic" else None
-        return draw(self.np_random, start_heading=heading, **options)
+        return draw(self.np_random, start_heading=_heading(options.pop("start")), **options)
 
     def _observe(self) -> Observation:
         world, cell = self.scenario, self._path[-1]
@@ -178,3 +185,10 @@ class ObstacleWorld(gymnasium.Env[Observation, np.int64]):
             "detour": self.scenario.detour,
             "efficient": self._outcome == "success" and self._actions <= shortest,
         }
+
+
+def _heading(start: str) -> int | None:
+    """The start heading that is fixed, if one is."""
+    if start not in ("random", "deterministic"):
+        raise ValueError(f'start={start!r} is neither "random" nor "deterministic".')
+    return START_HEADINGS[0] if start == "deterministic" else None

@@ -8,6 +8,7 @@ import math
 from collections.abc import Container
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ COLOURS = ("green", "blue", "purple", "yellow", "grey")
 
 MAX_OBSTACLES = 3
 COUNT_PROBABILITIES = (0.35, 0.35, 0.30)
+MOST_OBSTACLES = 13
+"""How many a scenario can have at all, when they are asked for: two cells must be left to be reached."""
 START_HEADINGS = (3, 1)  # east, south
 OBSTACLE_CELLS = tuple(cell for cell in BORDER if cell != START)
 _MAX_DRAWS = 20_000
@@ -106,9 +109,9 @@ def draw_obstacle(rng: np.random.Generator, cell: int) -> Obstacle:
 def draw(
     rng: np.random.Generator,
     *,
-    layout: int | None = None,
+    layout: int | tuple[int, ...] | None = None,
     start_heading: int | None = None,
-    obstacles: tuple[int, ...] | None = None,
+    obstacles: int | tuple[int, ...] | None = None,
     detour: bool | None = None,
     seen: Container[tuple[int, int]] = (),
 ) -> Scenario:
@@ -119,19 +122,19 @@ def draw(
 
     Args:
         rng: decides everything.
-        layout: 0..11.
+        layout: 0..11; of several, one is drawn, by their probabilities.
         start_heading: 3 (east) or 1 (south).
-        obstacles: up to three distinct border cells other than the start; may be empty.
+        obstacles: how many, 0..13; or their cells, distinct ones of the border other than the start.
         detour: when given, only scenarios whose `detour` equals it.
         seen: keys (see `Scenario.key`) that must not come up.
 
     Raises:
         ValueError: for a cell, layout or heading out of range, or when no such scenario turns up.
     """
-    _check(layout, start_heading, obstacles)
+    check(layout, start_heading, obstacles)
     for _ in range(_MAX_DRAWS):
-        the_layout = int(rng.choice(len(WALLS), p=LAYOUT_PROBABILITIES)) if layout is None else layout
-        cells = _draw_cells(rng) if obstacles is None else obstacles
+        the_layout = _draw_layout(rng, layout)
+        cells = _draw_cells(rng, obstacles)
         obstacle_cells = _mask(cells)
         reachable = sorted(planner.paths(WALLS[the_layout] | obstacle_cells))
         if len(reachable) < 2 or key(the_layout, obstacle_cells) in seen:
@@ -148,8 +151,54 @@ def draw(
     )
 
 
-def _draw_cells(rng: np.random.Generator) -> tuple[int, ...]:
-    count = 1 + int(rng.choice(MAX_OBSTACLES, p=COUNT_PROBABILITIES))
+def check(
+    layout: int | tuple[int, ...] | None = None,
+    start_heading: int | None = None,
+    obstacles: int | tuple[int, ...] | None = None,
+) -> None:
+    """What `draw` refuses before it draws.
+
+    Raises:
+        ValueError: for a cell, layout, heading or number out of range.
+    """
+    if layout is not None and not (np.size(layout) and _distinct(layout, range(len(WALLS)))):
+        raise ValueError(f"layout={layout!r}: give one of 0..{len(WALLS) - 1}, or several of them, distinct.")
+    if start_heading is not None and start_heading not in START_HEADINGS:
+        raise ValueError(f"start_heading={start_heading} is neither 3 (east) nor 1 (south).")
+    if obstacles is not None and not (
+        _distinct(obstacles, range(MOST_OBSTACLES + 1))
+        if np.ndim(obstacles) == 0
+        else np.size(obstacles) <= MOST_OBSTACLES and _distinct(obstacles, OBSTACLE_CELLS)
+    ):
+        raise ValueError(
+            f"obstacles={obstacles!r}: give their number, 0..{MOST_OBSTACLES}, or at most that many distinct "
+            f"cells among {OBSTACLE_CELLS}."
+        )
+
+
+def _distinct(numbers: Any, among: Container[int]) -> bool:
+    """Whether it is one of these integers, or several of them, none twice."""
+    found = np.atleast_1d(numbers).tolist()
+    return len(found) == len(set(found)) and all(type(n) is int and n in among for n in found)
+
+
+def _draw_layout(rng: np.random.Generator, layout: int | tuple[int, ...] | None) -> int:
+    if isinstance(layout, int | np.integer):
+        return int(layout)
+    likely = LAYOUT_PROBABILITIES
+    if layout is not None:
+        likely = np.where(np.isin(np.arange(len(WALLS)), layout), likely, 0)
+        likely = likely / likely.sum()
+    return int(rng.choice(len(WALLS), p=likely))
+
+
+def _draw_cells(rng: np.random.Generator, obstacles: int | tuple[int, ...] | None) -> tuple[int, ...]:
+    if obstacles is None:
+        count = 1 + int(rng.choice(MAX_OBSTACLES, p=COUNT_PROBABILITIES))
+    elif isinstance(obstacles, int | np.integer):
+        count = int(obstacles)
+    else:
+        return tuple(obstacles)
     return tuple(rng.choice(OBSTACLE_CELLS, size=count, replace=False).tolist())
 
 
@@ -157,18 +206,3 @@ def _mask(cells: tuple[int, ...] | list[int]) -> NDArray[np.bool_]:
     mask = np.zeros(CELLS, np.bool_)
     mask[list(cells)] = True
     return mask
-
-
-def _check(layout: int | None, start_heading: int | None, obstacles: tuple[int, ...] | None) -> None:
-    if layout is not None and not 0 <= layout < len(WALLS):
-        raise ValueError(f"layout={layout} is not one of 0..{len(WALLS) - 1}.")
-    if start_heading is not None and start_heading not in START_HEADINGS:
-        raise ValueError(f"start_heading={start_heading} is neither 3 (east) nor 1 (south).")
-    if obstacles is not None and (
-        len(obstacles) > MAX_OBSTACLES
-        or len(set(obstacles)) < len(obstacles)
-        or not set(obstacles) <= set(OBSTACLE_CELLS)
-    ):
-        raise ValueError(
-            f"obstacles={obstacles}: give at most {MAX_OBSTACLES} distinct cells among {OBSTACLE_CELLS}."
-        )

@@ -82,17 +82,27 @@ def draw(
     return canvas.pixels()
 
 
+def pixel(place: NDArray[np.float64], size: int = 480) -> NDArray[np.float64]:
+    """Where a place of the world, x (east) and z (south) in metres, stands in a picture of this size."""
+    return (place + _MARGIN) * _scale(size)
+
+
+def _scale(size: int) -> float:
+    """Pixels of a metre."""
+    return size / (EXTENT + 2 * _MARGIN)
+
+
 class _Canvas:
     """Shapes in the world's metres."""
 
     def __init__(self, size: int):
         self._size = size
-        self._scale = size * _SMOOTH / (EXTENT + 2 * _MARGIN)
-        self._image = Image.new("RGB", (size * _SMOOTH, size * _SMOOTH), _WALL)
+        self._large = size * _SMOOTH
+        self._image = Image.new("RGB", (self._large, self._large), _WALL)
         self._draw = ImageDraw.Draw(self._image)
 
     def _pixels(self, points) -> list[tuple[float, float]]:
-        return [tuple((np.asarray(point) + _MARGIN) * self._scale) for point in points]
+        return [tuple(pixel(np.asarray(point), self._large)) for point in points]
 
     def polygon(self, points, colour) -> None:
         self._draw.polygon(self._pixels(points), fill=colour)
@@ -104,7 +114,9 @@ class _Canvas:
         self._draw.ellipse(sum(self._pixels([middle - radius, middle + radius]), ()), fill=colour)
 
     def line(self, points, width, colour) -> None:
-        self._draw.line(self._pixels(points), fill=colour, width=round(width * self._scale), joint="curve")
+        self._draw.line(
+            self._pixels(points), fill=colour, width=round(width * _scale(self._large)), joint="curve"
+        )
 
     def pixels(self) -> NDArray[np.uint8]:
         return np.asarray(self._image.resize((self._size, self._size), Image.Resampling.BOX)).copy()

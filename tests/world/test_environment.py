@@ -31,11 +31,12 @@ def play(env, actions):
     return result
 
 
-def test_check_env_has_no_complaint():
+@pytest.mark.parametrize("options", [{}, {"layout": (0, 9), "obstacles": 6, "start": "deterministic"}])
+def test_check_env_has_no_complaint(options):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*no display.*")  # from trying render_mode="human"
-        check_env(gymnasium.make(ENVIRONMENT_ID).unwrapped)
+        check_env(gymnasium.make(ENVIRONMENT_ID, **options).unwrapped)
 
 
 def test_registering_twice_is_silent():
@@ -132,6 +133,27 @@ def test_options_of_the_constructor_and_of_reset():
     env.reset(options={"layout": 9, "obstacles": None, "detour": True, "start": "random"})
     assert env.scenario.layout == 9
     assert env.scenario.detour
+
+
+def test_harder_worlds_can_be_asked_for_and_solved():
+    env = gymnasium.make(ENVIRONMENT_ID, layout=(8, 9), obstacles=5)
+    for seed in range(8):
+        env.reset(seed=seed)
+        world = env.unwrapped.scenario
+        assert world.layout in (8, 9)
+        assert len(world.obstacles) == 5
+        *_, info = play(env, (*world.path, 0))
+        assert info["outcome"] == "success"
+        assert info["efficient"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"layout": 12}, "layout=12"), ({"obstacles": 14}, "obstacles=14"), ({"start": "west"}, "neither")],
+)
+def test_wrong_options_are_named_when_it_is_made(options, message):
+    with pytest.raises(ValueError, match=message):
+        gymnasium.make(ENVIRONMENT_ID, **options)
 
 
 @pytest.mark.parametrize(

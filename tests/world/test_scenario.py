@@ -1,11 +1,12 @@
 """The numbers of a correct world, most of them exactly, over everything that can be drawn."""
 
+import hashlib
 import math
 
 import numpy as np
 import pytest
 
-from ciphernav_jax.world import grid, scenario
+from ciphernav_jax.world import grid, planner, scenario
 from ciphernav_jax.world.poses import CELL_SIZE, centre
 from ciphernav_jax.world.shards import Request
 
@@ -149,6 +150,15 @@ def test_given_parts_are_kept():
     ("wish", "message"),
     [
         ({"layout": 12}, "layout=12"),
+        ({"layout": ()}, r"layout=\(\): give one of 0..11"),
+        ({"layout": (8, 12)}, r"layout=\(8, 12\)"),
+        ({"layout": (8, 8)}, "distinct"),
+        ({"layout": "8"}, "layout='8'"),
+        ({"layout": 8.0}, "layout=8.0"),
+        ({"obstacles": -1}, "obstacles=-1: give their number, 0..13"),
+        ({"obstacles": 14}, "obstacles=14"),
+        ({"obstacles": 2.5}, "obstacles=2.5"),
+        ({"obstacles": scenario.OBSTACLE_CELLS}, "at most that many distinct cells"),
         ({"start_heading": 0}, "start_heading=0"),
         ({"obstacles": (0,)}, "obstacles="),
         ({"obstacles": (12,)}, "obstacles="),
@@ -160,3 +170,64 @@ def test_given_parts_are_kept():
 def test_impossible_wishes_are_refused(wish, message):
     with pytest.raises(ValueError, match=message):
         scenario.draw(np.random.default_rng(0), **wish)
+
+
+def test_several_layouts_are_drawn_by_their_probabilities():
+    rng = np.random.default_rng(3)
+    drawn = np.bincount([scenario.draw(rng, layout=(2, 9)).layout for _ in range(400)], minlength=12)
+    assert drawn[[2, 9]].sum() == 400
+    assert drawn[9] / 400 == pytest.approx(0.75, abs=0.09)  # 15 percent beside 5
+
+
+@pytest.mark.parametrize("number", range(scenario.MOST_OBSTACLES + 1))
+def test_any_number_of_obstacles_leaves_a_plan_that_fits(number):
+    rng = np.random.default_rng(number)
+    for _ in range(20):
+        world = scenario.draw(rng, obstacles=number)
+        assert len({thing.cell for thing in world.obstacles}) == number
+        assert len(planner.paths(world.blocked)) >= 2
+        cell = grid.START
+        for action in world.path:
+            cell = int(grid.move(cell, action))
+            assert cell >= 0
+            assert not world.blocked[cell]
+        assert cell == world.goal
+        assert planner.labels(world.path)[-1] in (grid.STOP, planner.NO_LABEL)
+
+
+def test_no_obstacles_on_the_border_make_a_path_too_long():
+    """All that can be asked for, 2^15 sets of cells a layout. Cells are bits, and a step shifts them."""
+
+    def bits(cells):
+        return np.bitwise_or.reduce(1 << np.asarray(cells, np.int64))
+
+    chosen = np.arange(2**15)[:, None] >> np.arange(15) & 1
+    obstacles = chosen @ (1 << np.array(scenario.OBSTACLE_CELLS))
+    west, east = bits(range(0, 25, 5)), bits(range(4, 25, 5))
+    for walls in grid.WALLS:
+        free = ~(obstacles | bits(np.flatnonzero(walls))) & bits(range(25))
+        reached, moves = np.ones_like(free), np.zeros_like(free)
+        for _ in range(25):
+            step = reached << 5 | reached >> 5 | (reached & ~east) << 1 | (reached & ~west) >> 1
+            grown = reached | step & free
+            moves += grown != reached
+            reached = grown
+        possible = np.bitwise_count(reached) > 2  # the start is one of them
+        assert moves[possible].max() < grid.MAX_ACTIONS  # the stop fits too
+        assert chosen[possible].sum(axis=1).max() == scenario.MOST_OBSTACLES
+
+
+@pytest.mark.parametrize(
+    ("wish", "digest"),
+    [
+        ({}, "90598e60e5341f76"),
+        ({"layout": 10, "start_heading": 1}, "0e18ccd9c28fc1b7"),
+        ({"obstacles": (2, 14), "detour": True}, "9459fec5e965db71"),
+        ({"obstacles": ()}, "6c3cab834e006227"),
+    ],
+)
+def test_what_was_drawn_before_is_drawn_still(wish, digest):
+    """Recorded before several layouts and a number of obstacles could be asked for."""
+    rng = np.random.default_rng(7)
+    drawn = repr([scenario.draw(rng, **wish) for _ in range(200)])
+    assert hashlib.sha256(drawn.encode()).hexdigest()[:16] == digest
