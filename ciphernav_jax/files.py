@@ -194,6 +194,13 @@ def describe(file: Path) -> dict[str, Any]:
     return {"bytes": file.stat().st_size, DIGEST: digest}
 
 
+def npy(array: NDArray) -> bytes:
+    """An array as a file `.npy` holds it."""
+    content = io.BytesIO()
+    np.save(content, array)
+    return content.getvalue()
+
+
 def canonical(value: Any) -> str:
     """The same text for the same JSON: fit to say what a file belongs to."""
     return json.dumps(json.loads(json.dumps(value)), sort_keys=True)

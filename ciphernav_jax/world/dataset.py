@@ -4,11 +4,12 @@ Loading needs neither MiniWorld nor OpenGL nor JAX; generating starts processes 
 """
 
 import errno
+import hashlib
 import importlib.metadata
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,7 +167,7 @@ def generate(
     out: str | Path,
     *,
     workers: int = 2,
-    unseen_by: str | Path | None = None,
+    unseen_by: str | Path | Request | None = None,
     progress: bool = True,
 ) -> Dataset:
     """Draws and renders `count` environments, half of which need a detour.
@@ -180,8 +181,9 @@ def generate(
         seed: at least 0.
         out: the folder to write; until it is complete, `<out>.partial` is used.
         workers: rendering processes.
-        unseen_by: a data set's folder; no pair of layout and obstacle cells in it comes up. The
-            draw is independent of the one without this option.
+        unseen_by: a data set's folder, or the request that it would be made by, which need not have
+            been rendered; no pair of layout and obstacle cells in it comes up. The draw is
+            independent of the one without this option.
         progress: whether to show a progress bar.
 
     Raises:
@@ -202,14 +204,14 @@ def generate(
         if not least <= value <= most:
             raise ValueError(f"{name}={value} must lie in {least}..{most}.")
     out = Path(out).absolute()
-    seen = frozenset() if unseen_by is None else load(unseen_by).pairs()
-    request = Request(split, count, seed, seen)
+    seen = Seen() if unseen_by is None else _seen(unseen_by)
+    request = Request(split, count, seed, seen.pairs)
     meta = {
         "format": FORMAT,
         "split": split,
         "count": count,
         "seed": seed,
-        "unseen_by": None if unseen_by is None else _fingerprint(Path(unseen_by)),
+        "unseen_by": seen.fingerprint,
         "versions": {
             p: importlib.metadata.version(p) for p in ("ciphernav_jax", "miniworld", "pyglet", "numpy")
         },
@@ -262,10 +264,20 @@ def _progress_bar(shown: bool) -> Progress:
     )
 
 
-def _fingerprint(folder: Path) -> str:
-    """SHA-256 of the files that say which layouts and obstacle cells a data set has."""
-    files = _read_meta(folder)["files"]
-    return f"{files['layout.npy']['sha256']}-{files['obstacles.npy']['sha256']}"
+class Seen(NamedTuple):
+    """What must not come up: pairs, see `Scenario.key`, and a SHA-256 of the files that say them."""
+
+    pairs: frozenset[tuple[int, int]] = frozenset()
+    fingerprint: str | None = None
+
+
+def _seen(by: str | Path | Request) -> Seen:
+    names = ("layout", "obstacles")
+    if isinstance(by, Request):
+        digests = [hashlib.sha256(files.npy(by.columns[name])).hexdigest() for name in names]
+        return Seen(by.pairs(), "-".join(digests))
+    described = _read_meta(Path(by))["files"]
+    return Seen(load(by).pairs(), "-".join(described[f"{name}.npy"]["sha256"] for name in names))
 
 
 def _holds(folder: Path, meta: dict[str, Any]) -> bool:

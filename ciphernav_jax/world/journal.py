@@ -7,7 +7,6 @@ into `<out>`, which is therefore either absent or complete.
 """
 
 import hashlib
-import io
 import itertools
 import os
 import shutil
@@ -108,9 +107,8 @@ class Journal:
             self._views.close()
         names = [name for name in self._records[1] if name not in ("gl", "views", "appended")]
         for name in names:
-            column = io.BytesIO()
-            np.save(column, np.concatenate([r[name] for r in self._records[1:]]))
-            files.write_bytes(self._data / f"{name}.npy", column.getvalue())
+            column = files.npy(np.concatenate([r[name] for r in self._records[1:]]))
+            files.write_bytes(self._data / f"{name}.npy", column)
         described = {f"{name}.npy": files.describe(self._data / f"{name}.npy") for name in ("views", *names)}
         meta = {**meta, "gl": str(self._records[0]["gl"]), "files": described}
         files.write_json(self._data / "meta.json", meta)

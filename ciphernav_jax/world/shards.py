@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 
@@ -22,7 +23,7 @@ from ciphernav_jax.lifeline import end_with_parent, lifeline
 from ciphernav_jax.world import planner, visibility
 from ciphernav_jax.world.grid import WALLS
 from ciphernav_jax.world.poses import CAMERAS, IMAGE_SHAPE, POSE_CELL, POSES
-from ciphernav_jax.world.scenario import MAX_OBSTACLES, Scenario, draw
+from ciphernav_jax.world.scenario import MAX_OBSTACLES, Scenario, draw, key
 
 SHARD = 100
 """Environments in a shard: some three seconds of one core."""
@@ -54,6 +55,15 @@ class Request:
         stream = f"{self.split} unseen" if self.seen else self.split
         rng = np.random.default_rng([self.seed, *stream.encode(), index])
         return draw(rng, detour=index % 2 == 1, seen=self.seen)
+
+    @cached_property
+    def columns(self) -> dict[str, NDArray]:
+        """The arrays that describe all its environments, see `Dataset`; nothing is rendered for them."""
+        return _columns([self.scenario(index) for index in range(self.count)])
+
+    def pairs(self) -> frozenset[tuple[int, int]]:
+        """The (layout, obstacle cells) pairs that occur, see `Scenario.key`."""
+        return frozenset(map(key, self.columns["layout"], self.columns["obstacles"]))
 
 
 @dataclass(frozen=True)

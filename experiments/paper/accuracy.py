@@ -6,6 +6,7 @@ with cameras 97.1, 2 parties 96.6, 5 parties 96.9.
     python -m experiments paper accuracy                     # about 55 minutes on two cores
     python -m experiments paper accuracy --rows plaintext    # 5 minutes a seed
     python -m experiments paper accuracy --rows secret-2     # 2 minutes a seed, secret-5: 3
+    python -m experiments paper accuracy --small --seeds 0    # to try it out, in out/paper/small
     python -m experiments paper accuracy --rows secret-3 secret-9 secret-16 --seeds 0    # 20
 
 Recipes were chosen on two validation sets, one of them without layouts-with-obstacles of training. What

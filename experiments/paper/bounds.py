@@ -4,7 +4,7 @@ The paper's models: map only 74.0 %, first person 72.0 %, with deterministic sta
 fixed at the start; the best one avoids obstacles with the greatest probability given what is known. Map only
 can do no better than that (its view of the world never changes), whereas eyes see more as the robot goes.
 
-    python -m experiments paper bounds             # a minute, once the training set is there
+    python -m experiments paper bounds             # a minute
 
 Exact: all layouts, obstacle cells, goals and start headings, weighted by their probability, half of them with
 a detour. "test": as the independent test set draws them; "unseen": without the pairs of layout and obstacle
@@ -35,7 +35,7 @@ from ciphernav_jax.world.grid import (
     WALLS,
 )
 from ciphernav_jax.world.scenario import COUNT_PROBABILITIES, OBSTACLE_CELLS, START_HEADINGS, key
-from experiments.paper.runs import Options, console, world
+from experiments.paper.runs import Options, console, training
 
 TOP_LANE = tuple(range(1, SIDE))
 LEFT_LANE = tuple(range(SIDE, CELLS, SIDE))
@@ -131,7 +131,7 @@ def main() -> None:
     """Compute all bounds, print and write them."""
     args = read(Options(), __doc__)
     began = time.perf_counter()
-    drawn = {"test": cases(), "unseen": cases(world("train", args.out).pairs())}
+    drawn = {"test": cases(), "unseen": cases(training(args.size.train).pairs())}
     results = {
         name: {test_set: best(of_set, known) for test_set, of_set in drawn.items()}
         for name, known in KNOWN.items()

@@ -126,7 +126,7 @@ def run(seed: int, options: Pictures) -> None:
     """Drive, choose, and write RESULTS/episodes-SEED.json."""
     config, model = folders.load(options.out / "models" / f"{options.driver}-{seed}")
     parties = config["parties"] or PARTIES
-    environments = world("test", options.out)
+    environments = world("test", options)
     driven = driving.drive(environments, config, model, seed, parties)
     seen = features.standardise(model.encode(environments, folders.sees(config)), model.scales)
     chosen = choose(environments, driven)

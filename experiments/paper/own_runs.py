@@ -209,9 +209,7 @@ def attacks(
 def own_runs(seed: int, options: Options) -> tuple[dict[str, Any], dict[str, float]]:
     """All attacks on the rows of 2 and 5 parties, and the seconds that each took."""
     known = {row.name: row for row in ROWS}
-    datasets = {"training": world("train", options.out)} | {
-        name: world(name, options.out) for name in TEST_SETS
-    }
+    datasets = {"training": world("train", options)} | {name: world(name, options) for name in TEST_SETS}
     truth = {name: labels(dataset) for name, dataset in datasets.items()}
     results, seconds = {}, {}
     for parties in PARTIES:

@@ -305,7 +305,7 @@ def query(seed: int, options: Queries) -> tuple[dict[str, Any], dict[str, float]
     rows = {row.name: row for row in ROWS}
     model = folders.load(train(rows[options.row], seed, rows, options))[1]
     weights = jax.tree.map(jnp.asarray, reveal(model.weights))
-    environments, *others = datasets = [world(name, options.out) for name in ("train", "test", "validation")]
+    environments, *others = datasets = [world(name, options) for name in ("train", "test", "validation")]
     began = time.perf_counter()
     seen = [
         features.standardise(model.encode(dataset, METHODS["plaintext"]), model.scales)

@@ -334,7 +334,7 @@ def reconstruct(seed: int, options: Options) -> tuple[dict[str, Any], dict[str, 
     """All rows, and the seconds that each took; see `outcome`."""
     cameras = METHODS["plaintext"]
     rows = {row.name: row for row in ROWS}
-    datasets = world("train", options.out), world("test", options.out)
+    datasets = world("train", options), world("test", options)
 
     def encoded(row: str) -> tuple[Trained, list[Features]]:
         model = folders.load(train(rows[row], seed, rows, options))[1]

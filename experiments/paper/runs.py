@@ -7,14 +7,17 @@ OUT/world/unseen       2,250 without any layout-with-obstacles that training has
 OUT/models/ROW-SEED    a training folder; killed, it goes on to the same bits
 OUT/models/sight-SEED  that of a robot's own eyes
 RESULTS/ROW-SEED.json  configuration, seed, versions, machine, seconds, curve and raw counts
+
+A row whose file is there is not run again, and is said to be kept. `--small` does all of it at a size to try
+it out by, in OUT/small.
 """
 
 import functools
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -43,10 +46,21 @@ from ciphernav_jax.secret import cost, secure, share
 from ciphernav_jax.world import dataset
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import STOP
+from ciphernav_jax.world.shards import Request
 
 console = Console(highlight=False)
 
 TRAIN, TEST = 15_000, 2_250
+
+
+class Size(NamedTuple):
+    """How many environments the training set has, and each of the others."""
+
+    train: int
+    test: int
+
+
+FULL, SMALL = Size(TRAIN, TEST), Size(200, 100)
 TEST_SETS = ("test", "unseen")
 
 
@@ -86,18 +100,26 @@ class Options:
     results: Path = Path("experiments/results/paper")
     """Folder for the JSON files. A run that has its file there is not done again."""
 
+    @property
+    def size(self) -> Size:
+        """Of the data sets."""
+        return FULL
 
-def world(name: str, out: Path) -> Dataset:
-    """A data set in `out`, generated where it is missing; the training set takes five minutes."""
-    folder = out / "world"
+
+def world(name: str, options: Options) -> Dataset:
+    """A data set in OUT/world, generated where it is missing."""
+    folder = options.out / "world" / name
     if name == "train":
-        return dataset.generate("train", TRAIN, 0, folder / name)
-    unseen_by = None
-    if name.endswith("unseen"):
-        world("train", out)
-        unseen_by = folder / "train"
+        return dataset.generate(name, options.size.train, 0, folder)
     split = "validation" if name.startswith("validation") else "test"
-    return dataset.generate(split, TEST, 0, folder / name, unseen_by=unseen_by)
+    unseen_by = training(options.size.train) if name.endswith("unseen") else None
+    return dataset.generate(split, options.size.test, 0, folder, unseen_by=unseen_by)
+
+
+@functools.cache
+def training(count: int) -> Request:
+    """What the training set consists of; to know it, none of its views need be rendered."""
+    return Request("train", count, 0)
 
 
 @dataclass
@@ -106,6 +128,15 @@ class RowOptions(Options):
 
     rows: Annotated[list[str], tyro.conf.arg(metavar="ROW [ROW ...]")] = field(default_factory=list)
     """Which rows."""
+    small: bool = False
+    """To try the script out: 200 training and 100 test environments, a tenth of the steps of classifiers and
+    of eyes. Everything is written to OUT/small, the JSON to OUT/small/results. These are no results of the
+    paper's task, and stay apart from them."""
+
+    @property
+    def size(self) -> Size:
+        """Of the data sets."""
+        return SMALL if self.small else FULL
 
 
 def script(doc: str | None, rows: Sequence[Row], default: RowOptions, teachers: Sequence[Row] = ()) -> None:
@@ -124,12 +155,41 @@ def script(doc: str | None, rows: Sequence[Row], default: RowOptions, teachers: 
     known = {row.name: row for row in rows}
     if unknown := [name for name in args.rows if name not in known]:
         raise ValueError(f"no row {', '.join(unknown)}; the rows are {', '.join(known)}")
+    known |= {row.name: row for row in teachers}
+    heading = "On the independent test set"
+    if args.small:
+        if args.results != default.results:
+            raise ValueError("--small writes its JSON to OUT/small/results; leave --results out")
+        args = replace(args, out=args.out / "small", results=args.out / "small" / "results")
+        known = {name: shortened(row) for name, row in known.items()}
+        heading += f", small: {SMALL.train} environments to train, {SMALL.test} to test; not the paper's task"
+    runs = [(known[name], seed) for name in args.rows for seed in args.seeds]
+    kept = [result_file(*run, args) for run in runs if result_file(*run, args).exists()]
     counts = {}
-    for name in args.rows:
-        for seed in args.seeds:
-            document = run_row(known[name], seed, known | {row.name: row for row in teachers}, args)
-            counts[f"{name}, seed {seed}"] = document["results"]["test"]["counts"]
-    console.print(metrics.table(counts, "On the independent test set"))
+    for row, seed in runs:
+        document = run_row(row, seed, known, args)
+        counts[f"{row.name}, seed {seed}"] = document["results"]["test"]["counts"]
+    console.print(metrics.table(counts, heading))
+    if kept:
+        other = "--out FOLDER" if args.small else f"--results {args.out / 'results'}"
+        console.print(
+            f"{len(kept)} of {len(runs)} runs were kept from {args.results}, and not run now. To run them, "
+            f"name a folder without them: {other}. Trainings and data sets in {args.out} are kept too.",
+            soft_wrap=True,
+        )
+
+
+def shortened(row: Row) -> Row:
+    """The row with a tenth of its steps; epochs of encoders are short by themselves where there is little."""
+    recipe, eyes = row.recipe, row.eyes
+    if isinstance(recipe, FreshClassifier):
+        recipe = replace(recipe, steps=recipe.steps // 10)
+    return replace(row, recipe=recipe, eyes=eyes and replace(eyes, steps=eyes.steps // 10))
+
+
+def result_file(row: Row, seed: int, options: Options) -> Path:
+    """Where a run's JSON is."""
+    return options.results / f"{row.name}-{seed}.json"
 
 
 def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> dict[str, Any]:
@@ -145,12 +205,16 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
     Raises:
         ValueError: the file there is of another configuration.
     """
-    path = options.results / f"{row.name}-{seed}.json"
-    configuration = configured(row)
+    path = result_file(row, seed, options)
+    configuration = configured(row, options.size)
     if path.exists():
         document = read_json(path)
         if document.get("configuration") != configuration:
             raise ValueError(f"{path} is of another configuration; remove it, or choose another --results")
+        made = f"made {document['at']} with " + ", ".join(
+            f"{name} {document['versions'].get(name)}" for name in ("ciphernav_jax", "jax")
+        )
+        console.print(f"{row.name}, seed {seed}: kept, not run; {path}, {made}", soft_wrap=True)
         return document
 
     console.print(f"{row.name}, seed {seed}")
@@ -161,7 +225,7 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
     }
     results = {}
     for name in TEST_SETS:
-        environments = world(name, options.out)
+        environments = world(name, options)
         began = time.perf_counter()
         episodes = driver(environments)
         seconds[f"drive {name}"] = time.perf_counter() - began
@@ -191,15 +255,15 @@ def run_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> 
     return read_json(path)
 
 
-def configured(row: Row) -> dict[str, Any]:
+def configured(row: Row, size: Size = FULL) -> dict[str, Any]:
     """What a result file says of its row and of the data; a file that says otherwise is of another run."""
-    return {"row": asdict(row), "train": TRAIN, "test": TEST}
+    return {"row": asdict(row), **size._asdict()}
 
 
 def train(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> Path:
     """The training folder of a row, trained where it is not yet; its teacher before."""
     folder = options.out / "models" / f"{row.name}-{seed}"
-    environments = world("train", options.out)
+    environments = world("train", options)
     if isinstance(row.recipe, EndToEnd):
         with bar(f"{row.name}, seed {seed}") as report:
             trainings.train_end_to_end(environments, row.method, row.recipe, seed, folder, report)
@@ -233,7 +297,7 @@ def _eyes(recipe: Looking, seed: int, options: Options) -> tuple[Any, list[dict]
     """Weights of a robot's sight, trained where they are not yet, and the curve of that."""
     folder = options.out / "models" / f"sight-{seed}"
     with bar(f"sight, seed {seed}") as report:
-        weights = trainings.train_sight(world("train", options.out), recipe, seed, folder, report)
+        weights = trainings.train_sight(world("train", options), recipe, seed, folder, report)
     return weights, folders.curve(folder)
 
 
@@ -250,7 +314,7 @@ def _drive_alone(environments: Dataset, eyes: Any) -> Episodes:
 def epochs(recipe: FreshClassifier, seed: int, options: Options) -> float:
     """How often a training goes over its samples."""
     samples = training_samples(
-        world("train", options.out), METHODS["plaintext"], seed, recipe.errands, recipe.stray
+        world("train", options), METHODS["plaintext"], seed, recipe.errands, recipe.stray
     )
     return recipe.steps * recipe.batch / len(samples)
 

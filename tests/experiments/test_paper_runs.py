@@ -90,6 +90,61 @@ def test_names_are_unique_and_a_wrong_one_is_answered_with_those_there_are(monke
         runs.script(accuracy.__doc__, accuracy.ROWS, runs.RowOptions())
 
 
+def told(monkeypatch, capsys, *words):
+    """What a script of the random walk prints."""
+    monkeypatch.setattr("sys.argv", ["accuracy", *words])
+    runs.script(accuracy.__doc__, accuracy.ROWS, runs.RowOptions(rows=["random"], seeds=[0]))
+    return capsys.readouterr().out
+
+
+def test_what_is_kept_is_said_with_its_file_its_date_and_the_way_to_run_it(
+    small, tmp_path, monkeypatch, capsys
+):
+    words = ("--out", str(small.out), "--results", str(small.results))
+    assert "kept" not in told(monkeypatch, capsys, *words)
+    path = small.results / "random-0.json"
+    document = json.loads(path.read_text())
+    again = told(monkeypatch, capsys, *words)
+    assert f"random, seed 0: kept, not run; {path}, made {document['at']} with ciphernav_jax" in again
+    assert f"1 of 1 runs were kept from {small.results}, and not run now." in again
+    assert f"--results {small.out}/results" in again
+    one_more = told(monkeypatch, capsys, *words, "--seeds", "0", "1")
+    assert one_more.count("kept, not run") == 1
+    assert "1 of 2 runs were kept" in one_more
+
+
+def test_the_small_size_stays_apart(small, tmp_path, monkeypatch, capsys):
+    shown = told(monkeypatch, capsys, "--out", str(small.out), "--small")
+    assert "not the paper's task" in " ".join(shown.split())
+    path = small.out / "small" / "results" / "random-0.json"
+    configuration = json.loads(path.read_text())["configuration"]
+    assert (configuration["train"], configuration["test"]) == (200, 100)
+    with pytest.raises(ValueError, match="another configuration"):
+        runs.run_row(accuracy.ROWS[0], 0, {}, Options(out=small.out, results=path.parent))
+    with pytest.raises(ValueError, match="leave --results out"):
+        told(monkeypatch, capsys, "--small", "--results", str(small.results))
+
+
+def test_the_small_size_has_the_same_rows_with_fewer_steps():
+    for row in ROWS:
+        short = runs.shortened(row)
+        if row.recipe is not None and not isinstance(row.recipe, EndToEnd):
+            assert short.recipe.steps == row.recipe.steps // 10 > 0
+        assert (short.name, short.method, short.parties) == (row.name, row.method, row.parties)
+
+
+def test_an_unseen_set_asks_for_no_view_of_the_training_set(monkeypatch, tmp_path):
+    asked = {}
+    monkeypatch.setattr(
+        runs.dataset, "generate", lambda split, *_, unseen_by=None: asked.setdefault(split, unseen_by)
+    )
+    options = runs.RowOptions(out=tmp_path, small=True)
+    runs.world("unseen", options)
+    assert list(asked) == ["test"]
+    assert asked["test"] == runs.training(200)
+    assert len(asked["test"].pairs()) > 100
+
+
 def test_the_report_asks_for_rows_that_the_scripts_make():
     assert {*table.ROWS, *table.BEYOND, *table.CHEAP} <= {row.name for row in ROWS}
     assert table.ONE_SEED == accuracy.ONE_SEED

@@ -155,6 +155,17 @@ def test_unseen_set_by_the_command(small, small_folder, tmp_path, capsys):
     assert "6 environments, 3 of them with a detour" in capsys.readouterr().out
 
 
+def test_a_set_that_is_only_drawn_is_left_out_like_one_that_is_rendered(
+    arguments, small, small_folder, tmp_path
+):
+    only_drawn = Request(**arguments)
+    assert only_drawn.pairs() == small.pairs()
+    sets = {"folder": small_folder, "request": only_drawn}
+    for name, unseen_by in sets.items():
+        dataset.generate("test", 4, 0, tmp_path / name, workers=1, unseen_by=unseen_by, progress=False)
+    assert bytes_of(tmp_path / "request") == bytes_of(tmp_path / "folder")
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
