@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from experiments.report import attacks, costs, driving, engine
+from experiments.report import attacks, costs, driving, engine, minutes
 from experiments.report.results import Results
 from experiments.report.table import SETS, Table
 
@@ -27,6 +27,7 @@ def every(results: Results) -> Iterator[Table]:
         engine.growth,
         engine.peers,
         engine.variants,
+        minutes.minutes,
         driving.short,
         engine.short,
     )

@@ -16,6 +16,7 @@ from experiments.report import (
     costs,
     driving,
     figures,
+    minutes,
     page,
     results,
     shown,
@@ -268,6 +269,23 @@ def test_the_other_scripts_have_their_tables(loaded):
     asked = {cells[0]: cells[1:] for cells in attacks.queries(loaded).rows}
     assert asked["Answers"] == ("85.0", "90.0", "51.0", "52.0", "52.0")  # of the better attacker
     assert asked["Layout"][-2:] == ("", "")
+
+
+def test_how_long_the_scripts_take_comes_from_their_files(folder):
+    document = files.read_json(folder / "paper" / "queries-0.json")
+    files.write_json(folder / "paper" / "queries-0.json", document | {"seconds": {"ask": 80.0, "all": 285.0}})
+    document = files.read_json(folder / "paper" / "bounds.json")
+    files.write_json(folder / "paper" / "bounds.json", document | {"seconds": 8.0})
+    table = minutes.minutes(results.load(folder))
+    told = {cells[0].strip("`").rpartition(" ")[-1]: cells[1:4] for cells in table.rows}
+    # Six runs of 2 + seed and 12 seconds: three and two and one seeds.
+    assert told["accuracy"] == ("6", "88 s", "16 s")
+    assert told["paper_recipe"] == ("1", "14 s", "14 s")
+    assert told["beyond"] == ("4", "58 s", "15 s")
+    assert told["queries"] == ("1", "4.75 min", "4.75 min")
+    assert told["bounds"] == ("1", "8 s", "8 s")
+    assert told["forward"] == told["episodes"] == ("1", "not measured", "not measured")
+    assert {cells[-1] for cells in table.rows} == {"not measured"}  # no benchmark, which has the memory
 
 
 def test_what_is_missing_is_said_with_the_command_that_makes_it(tmp_path):
