@@ -8,7 +8,7 @@ from experiments.report.table import SCRIPTS, Table, duration, script
 
 UNKNOWN = "not measured"
 NOTE = (
-    "What the files of results add up to, on the machine that made them. The rendering of data sets is not in "
+    "What the files of results add up to, on the machine that made them. Rendering of data sets is not in "
     "it, nor the training of encoders that a script found. Memory: the largest process. Other commands were "
     "not measured, nor was the disk that data sets and trainings take."
 )
