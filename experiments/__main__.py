@@ -1,4 +1,4 @@
-"""`python -m experiments bench | sweep | report | primitives | pages | programs | paper NAME`.
+"""`python -m experiments bench | report | primitives | pages | programs | paper NAME`.
 
 What a command needs is imported when it runs, so that `--help` is quick.
 """
@@ -9,7 +9,7 @@ import sys
 import tyro
 
 from ciphernav_jax import command_line
-from experiments.options import Bench, Pages, Primitives, Programs, Report, Sweep
+from experiments.options import Bench, Pages, Primitives, Programs, Report
 
 PAPER = (
     "accuracy",
@@ -17,6 +17,7 @@ PAPER = (
     "fewest_steps",
     "beyond",
     "forward",
+    "variants",
     "bounds",
     "episodes",
     "reconstruction",
@@ -35,7 +36,6 @@ def main() -> None:
         command = tyro.extras.subcommand_cli_from_dict(
             {
                 "bench": Bench,
-                "sweep": Sweep,
                 "report": Report,
                 "primitives": Primitives,
                 "pages": Pages,
@@ -61,7 +61,7 @@ def _paper(words: list[str]) -> None:
     importlib.import_module(f"experiments.paper.{name}").main()
 
 
-def _run(command: Bench | Sweep | Report | Primitives | Pages | Programs) -> None:
+def _run(command: Bench | Report | Primitives | Pages | Programs) -> None:
     match command:
         case Bench():
             from ciphernav_jax.protocols import Protocol
@@ -76,18 +76,6 @@ def _run(command: Bench | Sweep | Report | Primitives | Pages | Programs) -> Non
                 repeat=command.repeat,
                 with_peers=peers.PEERS if command.peers else (),
                 time_limit=command.time_limit,
-            )
-        case Sweep():
-            from ciphernav_jax.protocols import Protocol
-            from experiments import sweep
-            from experiments.trial import Effort
-
-            sweep.run(
-                parties=command.parties,
-                protocols=[Protocol.parse(text) for text in command.variant],
-                out=command.out,
-                seed=command.seed,
-                effort=Effort(steps=command.steps, time_limit=command.time_limit),
             )
         case Report():
             from experiments.report import write

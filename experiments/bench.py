@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from ciphernav_jax import files, provenance, tables
 from ciphernav_jax.files import write_json, write_text
 from ciphernav_jax.parties.sharing import require_parties
 from ciphernav_jax.protocols import Protocol
-from ciphernav_jax.tables import ms
+from ciphernav_jax.tables import Cells, Table, ms
 from experiments import floor, growth, measure, peers, process
 from experiments.growth import Turns
 from experiments.measure import Order
@@ -165,16 +164,19 @@ def _run(
                 turns = replace(turns, rounds=repeat)
             document["growth"] += _grown(turns)
             keep()
-    console.print(table(document))
+    names = _names(document)  # short ones, for a terminal
+    console.print(
+        table(document, names), *(f"{name}: {title}" for name, title in document["titles"].items()), sep="\n"
+    )
     if growing:
-        console.print(growth_table(document))
+        console.print(growth_table(document, names))
 
     if with_peers:
         of_peers = [work for work in chosen if work.steps == 1]
         document["peers"] = peers.run(
             with_peers, of_peers, parties, out / "peers", repeat, time_limit, console
         )
-        console.print(peers_table(document))
+        console.print(peers_table(document, names), *_failed(document), sep="\n")
     write_json(out / "bench.json", document)
     write_text(out / "bench.md", markdown(document))
     console.print(f"Written: {out}/bench.json, {out}/bench.md")
@@ -213,13 +215,13 @@ def _grown(turns: Turns) -> list[dict[str, Any]]:
     return [{"work": turns.work, **result, "at": provenance.now()} for result in found["results"]]
 
 
-def rows(document: dict[str, Any], titles: dict[str, str]) -> list[tuple[str, ...]]:
+def rows(document: dict[str, Any], titles: dict[str, str]) -> list[Cells]:
     """The cells of our own table as text, see `HEADER`; `titles` says what to call each work."""
     several = len({result["protocol"] for result in document["results"]}) > 1
     return [_row(result, titles[result["work"]], several) for result in document["results"]]
 
 
-def _row(result: dict[str, Any], title: str, several: bool) -> tuple[str, ...]:
+def _row(result: dict[str, Any], title: str, several: bool) -> Cells:
     times, target = result["seconds"], result["target_s"]
     return (
         f"{title} ({result['protocol']})" if several else title,
@@ -236,7 +238,7 @@ def _row(result: dict[str, Any], title: str, several: bool) -> tuple[str, ...]:
     )
 
 
-def growth_rows(document: dict[str, Any], titles: dict[str, str]) -> list[tuple[str, ...]]:
+def growth_rows(document: dict[str, Any], titles: dict[str, str]) -> list[Cells]:
     """The cells of the table of growth, see `GROWTH_HEADER`."""
     needed: dict[str, float] = {}  # by each of the fewest parties
     table = []
@@ -257,9 +259,7 @@ def growth_rows(document: dict[str, Any], titles: dict[str, str]) -> list[tuple[
     return table
 
 
-def peers_rows(
-    document: dict[str, Any], titles: dict[str, str]
-) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def peers_rows(document: dict[str, Any], titles: dict[str, str]) -> tuple[Cells, list[Cells]]:
     """Header and cells of the table of peers: a row for each work and number of parties."""
     names = list(dict.fromkeys(result["title"] for result in document["peers"]))
     protocol = document["results"][0]["protocol"]
@@ -296,36 +296,37 @@ def markdown(document: dict[str, Any]) -> str:
         f"{document['rates']['random_bytes'] / 1e9:.1f} GB of random words a second.\n\n"
     )
     titles = document["titles"]
-    text += tables.markdown(HEADER, rows(document, titles)) + f"\n\n{NOTE}\n"
+    shown = [table(document, titles)]
     if document["growth"]:
-        text += f"\n{tables.markdown(GROWTH_HEADER, growth_rows(document, titles))}\n\n{GROWTH_NOTE}\n"
+        shown.append(growth_table(document, titles))
     if document["peers"]:
-        text += f"\n{tables.markdown(*peers_rows(document, titles))}\n\n{PEERS_NOTE}\n"
-    return text
+        shown.append(peers_table(document, titles))
+    return text + "\n".join(f"{each.markdown()}\n" for each in shown)
 
 
-def table(document: dict[str, Any]) -> Table:
-    """Our own table for a terminal, with the short names of the works, and what they stand for."""
-    what = "\n".join(f"{name}: {title}" for name, title in document["titles"].items())
-    return tables.terminal("Secret-shared work", HEADER, rows(document, _names(document)), f"{what}\n{NOTE}")
+def table(document: dict[str, Any], titles: dict[str, str]) -> Table:
+    """Our own works."""
+    return Table("Secret-shared work", HEADER, rows(document, titles), NOTE)
 
 
-def growth_table(document: dict[str, Any]) -> Table:
-    """The table of growth for a terminal."""
-    return tables.terminal(
-        "Growth with the parties", GROWTH_HEADER, growth_rows(document, _names(document)), GROWTH_NOTE
-    )
+def growth_table(document: dict[str, Any], titles: dict[str, str]) -> Table:
+    """How steps of training grow with the parties."""
+    return Table("Growth with the parties", GROWTH_HEADER, growth_rows(document, titles), GROWTH_NOTE)
 
 
-def peers_table(document: dict[str, Any]) -> Table:
-    """The peers' table for a terminal; below it, what went wrong."""
-    failed = [
+def peers_table(document: dict[str, Any], titles: dict[str, str]) -> Table:
+    """Ours beside the peers."""
+    header, cells = peers_rows(document, titles)
+    return Table("Beside other frameworks", header, cells, PEERS_NOTE)
+
+
+def _failed(document: dict[str, Any]) -> list[str]:
+    """What went wrong with peers."""
+    return [
         f"{r['title']}, {r['work']}, {r['parties']} parties: {r['status']}. {r.get('detail', '')}".strip()
         for r in document["peers"]
         if "seconds" not in r
     ]
-    header, cells = peers_rows(document, _names(document))
-    return tables.terminal("Beside other frameworks", header, cells, "\n".join([PEERS_NOTE, *failed]))
 
 
 def _names(document: dict[str, Any]) -> dict[str, str]:

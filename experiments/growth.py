@@ -11,10 +11,11 @@ from typing import Any
 import jax
 import numpy as np
 
+from ciphernav_jax.comparison.timing import compiled, timed
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
 from experiments import floor, process
-from experiments.measure import compiled, shared, summary, timed
+from experiments.measure import shared, summary
 from experiments.work import Sizes, works
 
 

@@ -6,8 +6,6 @@ an honest peak of memory, and compile times in which nothing was prepared.
 
 import resource
 import sys
-import time
-from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -15,14 +13,16 @@ import jax
 import numpy as np
 from jax import Array
 
+from ciphernav_jax.comparison.timing import calls, compiled
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import reveal, share
 from experiments import floor, process
 from experiments.work import Sizes, Work, error, works
 
-# Calls are repeated until they fill this many seconds, at least 5 times and at most 200.
+# Calls are repeated until they fill so many seconds, at least so often.
 SECONDS = 3.0
+FEWEST = 5
 
 MAXRSS_UNIT = 1 if sys.platform == "darwin" else 1024
 
@@ -68,7 +68,8 @@ def measure(order: Order) -> dict[str, Any]:
         return result
 
     found = jax.block_until_ready(run(call_key, *args))
-    times = [seconds for seconds, _ in calls(run, call_key, args, order.repeat)]
+    timed = calls(run, call_key, args, order.repeat, seconds=SECONDS, fewest=FEWEST)
+    times = [seconds for seconds, _ in timed]
     return result | {
         "seconds": summary([t / work.steps for t in times]),
         "peak_bytes": peak_bytes(),
@@ -83,35 +84,6 @@ def shared(work: Work, key: Array, parties: int, protocol: Protocol) -> tuple[An
         share(keys.derive(key, "argument", i), arg, parties=parties, protocol=protocol) if secret else arg
         for i, (arg, secret) in enumerate(zip(work.args, work.secret, strict=True))
     )
-
-
-def compiled(function: Callable[..., Any], *args: Any) -> tuple[Callable[..., Any], dict[str, Any]]:
-    """The function compiled for these arguments, and the seconds that took: trace_s, compile_s."""
-    start = time.perf_counter()
-    lowered = jax.jit(function).lower(*args)
-    traced = time.perf_counter()
-    run = lowered.compile()
-    return run, {"trace_s": traced - start, "compile_s": time.perf_counter() - traced}
-
-
-def timed(run: Callable[..., Any], *args: Any) -> tuple[float, Any]:
-    """Seconds of one call, and its result."""
-    start = time.perf_counter()
-    result = jax.block_until_ready(run(*args))
-    return time.perf_counter() - start, result
-
-
-def calls(
-    run: Callable[..., Any], key: Array, args: tuple[Any, ...], repeat: int | None = None
-) -> Iterator[tuple[float, Any]]:
-    """Seconds and results of `repeat` calls, each with a key of its own; of as many as fill `SECONDS`."""
-    total = 0.0
-    for i in range(repeat or 200):
-        seconds, result = timed(run, jax.block_until_ready(keys.derive(key, "again", i)), *args)
-        yield seconds, result
-        total += seconds
-        if repeat is None and i >= 4 and total > SECONDS:
-            break
 
 
 def peak_bytes() -> int:

@@ -11,26 +11,6 @@ from ciphernav_jax.command_line import COUNT, SECONDS, SEED
 
 WorkName = Literal["product", "relu", "forward-public", "forward", "train", "train-loop"]
 
-# What `sweep` compares unless told otherwise. The ripple adder is left to ask for: 63 rounds.
-VARIANTS = (
-    "default",
-    "truncation=nearest",
-    "truncation=floor",
-    "truncation=wrap-count",
-    "truncation=local",
-    "frac_bits=16",
-    "truncation=floor,frac_bits=16",
-    "truncation=wrap-count,frac_bits=16",
-    "comparison=masked-words",
-    "comparison=resharing",
-    "adder=kogge-stone",
-    "adder=brent-kung",
-    "range_bits=16",
-    "generator=chacha20",
-    "multiplication=ideal",
-    "multiplication=ideal,truncation=ideal,comparison=ideal",
-)
-
 
 @dataclass
 class Bench:
@@ -74,40 +54,6 @@ class Bench:
 
 
 @dataclass
-class Sweep:
-    """Compare protocol variants and numbers of parties, on one table and one picture.
-
-    For each: seconds of a training step and of a forward pass of the paper's classifier; rounds, bytes, and
-    the time they take on a LAN and a WAN; errors of outputs, gradients and of the loss after a training,
-    against float64; and how often truncations fail. A variant is written as what differs from the default:
-    NAME=VALUE, several with commas. The names are multiplication, truncation, comparison, adder,
-    range_bits, frac_bits and generator; a wrong value is answered with those there are.
-
-    Each variant with each number of parties runs in a process of its own, and what OUT holds already is kept:
-    the same command goes on where it was killed, and another one adds to the same table.
-
-    For example:
-
-        python -m experiments sweep --parties 2 5 --variant default truncation=nearest,frac_bits=16
-        python -m experiments sweep --out out/quick --parties 2 --steps 10
-    """
-
-    out: Path = Path("out/sweep")
-    """Folder for sweep.json, sweep.md and sweep.png."""
-    parties: PartiesList = field(default_factory=lambda: [2, 5])
-    """Numbers of parties. A variant takes longer with more of them, resharing by far the most."""
-    variant: VariantList = field(default_factory=lambda: list(VARIANTS))
-    """Protocols, each as what differs from the default. *Ideal* variants, a trusted third party, are no
-    protocols and are marked so; local truncation is for two parties."""
-    steps: Annotated[int, COUNT] = 100
-    """Steps of the training whose loss is compared with float64; a multiple of 10."""
-    time_limit: Annotated[float, SECONDS] = 15
-    """Seconds: no such training where it would take longer; its steps are then timed alone."""
-    seed: Annotated[int, SEED] = 0
-    """Of the weights, the data, the shares and the protocols."""
-
-
-@dataclass
 class Report:
     """Set all results beside the paper's, on one page and as tables.
 
@@ -122,12 +68,12 @@ class Report:
     """
 
     results: Path = Path("experiments/results")
-    """Folder with paper/*.json, bench.json and sweep.json, as far as they are there."""
+    """Folder with paper/*.json and bench.json, as far as they are there."""
     out: Path = Path("out/report")
     """Folder for the report."""
     readme: Path | None = None
     """A Markdown file whose blocks `<!-- report: NAME -->` to `<!-- end -->` are filled with the tables of
-    these names, and whose pictures are replaced: README.md, docs/results/paper.md."""
+    these names, and whose pictures are replaced: README.md, docs/results/paper.md and variants.md."""
 
 
 @dataclass

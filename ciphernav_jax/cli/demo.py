@@ -107,7 +107,8 @@ def _write(
     args: Demo, test: Dataset, episodes: dict[str, Episodes], clock: Clock, resumed: bool, recipes: tuple
 ) -> None:
     counts = {name: metrics.tally(test, driven) for name, driven in episodes.items()}
-    console.print(metrics.table(counts, f"{len(test)} test environments, half of which need a detour"))
+    table = metrics.table(counts, f"{len(test)} test environments, half of which need a detour")
+    console.print(table)
     document = {
         "configuration": {
             "seed": args.seed,
@@ -125,7 +126,7 @@ def _write(
         "accuracy": {name: metrics.accuracy(metrics.overall(halves)) for name, halves in counts.items()},
     }
     write_json(args.out / "table.json", document)
-    write_text(args.out / "table.md", metrics.markdown(counts))
+    write_text(args.out / "table.md", f"{table.markdown()}\n")
 
 
 def _draw(

@@ -132,7 +132,7 @@ class Sweep:
     FUNCTION is written package.module:name. It is called without arguments and returns what to compare and
     its arguments, (function, *args): all of these are shared, what the function closes over is public. It is
     looked for in this folder and among what is installed. Without it, it is a training step of the paper's
-    classifier, batch 100, with weights, features and labels secret.
+    classifier, batch 500, with weights, features and labels secret.
 
     What OUT holds already is kept: the same command goes on where it was killed, and further variants and
     parties add to the same table. `ciphernav_jax.compare` does the same in Python.

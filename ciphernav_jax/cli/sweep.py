@@ -4,29 +4,21 @@ import importlib
 import os
 import sys
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-import numpy as np
 from rich.console import Console
 
 from ciphernav_jax.cli.options import Sweep
 from ciphernav_jax.comparison import compare
 from ciphernav_jax.comparison.subject import words
-from ciphernav_jax.learning.sgd import sgd_step
-from ciphernav_jax.models.classifier import ACTIONS
-from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
 from ciphernav_jax.navigation import classifier
-from ciphernav_jax.navigation.classifier import CLASSIFIER, FreshClassifier
+from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.protocols import Protocol
-
-BATCH = 100
 
 console = Console(highlight=False)
 
-Given = tuple[Callable[..., Any], tuple[Any, ...]]
+Given = tuple[Callable[..., Any], tuple[Any, ...], tuple[int, ...]]
+"""A function, its arguments, and which of them are public."""
 
 
 def run(args: Sweep) -> None:
@@ -37,13 +29,14 @@ def run(args: Sweep) -> None:
         What the function was refused with, where it was with all variants.
     """
     protocols = [Protocol.parse(text) for text in args.variant]
-    function, given = named(args.function) if args.function else training_step(args.seed)
+    function, given, public = named(args.function) if args.function else training_step(args.seed)
     try:
         compared = compare(
             function,
             *given,
             parties=args.parties,
             protocols=protocols,
+            public=public,
             out=args.out,
             repeat=args.repeat,
             seed=args.seed,
@@ -72,16 +65,10 @@ def named(name: str) -> Given:
         raise ValueError(f"--function {name}: {words(error)}") from error
     if not isinstance(made, tuple) or len(made) < 2 or not callable(made[0]):
         raise ValueError(f"--function {name} must return a function and its arguments, (function, *args)")
-    return made[0], made[1:]
+    return made[0], made[1:], ()
 
 
 def training_step(seed: int) -> Given:
-    """A step of training the paper's classifier on random features, all of it secret."""
-    generator = np.random.default_rng(seed)
-    weights = classifier.initial(seed)
-    widths = (*[VIEW_FEATURES] * 5, MAP_FEATURES)
-    slots = tuple(generator.standard_normal((BATCH, width)).astype(np.float32) for width in widths)
-    labels = np.eye(ACTIONS, dtype=np.float32)[generator.integers(ACTIONS, size=BATCH)]
-    state = (weights, jax.tree.map(jnp.zeros_like, weights), np.float32(0))
-    step = partial(sgd_step, CLASSIFIER, decay=jnp.float32(1), recipe=FreshClassifier(batch=BATCH))
-    return step, (state, slots, labels)
+    """A step of training the paper's classifier on random features, all of it secret but the rate."""
+    step, given = classifier.training_step(FreshClassifier(), seed)
+    return step, given, (len(given) - 1,)

@@ -2,6 +2,7 @@
 
 - `rows`: what one variant with one number of parties gave.
 - `subject`: the function with its arguments, its gradient, and what both give in float64.
+- `timing`: seconds of compiling and of warm calls.
 - `trials`: one variant with one number of parties, measured.
 - `pictures`: all rows as a picture; imported where it is asked for, with matplotlib.
 - `results`: `Comparison`: all rows, as tables, Markdown and JSON.

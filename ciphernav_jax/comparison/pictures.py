@@ -28,6 +28,7 @@ LARGEST_MARK = 6.0
 WIDTH = 0.7
 
 Direction = Literal["x", "y"]
+Value = Callable[[Row], float | None]
 Style = dict[str, tuple[str, str]]  # of each variant colour and shape
 
 
@@ -37,8 +38,8 @@ def draw(rows: Sequence[Row], title: str, path: Path) -> None:
 
 
 def figure(rows: Sequence[Row], title: str) -> Figure:
-    """Four panels: seconds, and projected seconds of messages, by parties; errors of values and of gradients
-    by variant. What has no number is said in words.
+    """Four panels: seconds, and projected seconds of messages, by parties; errors of values and, where
+    there are any, of gradients by variant. What has no number is said in words.
     """
     variants = list(dict.fromkeys(row.protocol for row in rows))
     parties = sorted({row.parties for row in rows})
@@ -75,20 +76,21 @@ def figure(rows: Sequence[Row], title: str) -> Figure:
         fontsize=SMALL,
         frameon=False,
     )
-    values, gradients = lower.subplots(1, 2, sharey=True)
-    _by_variant(values, rows, lambda row: row.error, style, parties, "Largest error of a value")
-    _by_variant(
-        gradients, rows, lambda row: row.gradient_error, style, parties, "Largest error of a gradient's entry"
-    )
-    values.set_yticks(range(len(variants)), wrapped, fontsize=SMALL)
-    values.set_ylim(len(variants) - 0.5, -0.5)
+    panels: list[tuple[str, Value]] = [("Largest error of a value", lambda row: row.error)]
+    if any(row.gradient_error is not None for row in rows):
+        panels.append(("Largest error of a gradient's entry", lambda row: row.gradient_error))
+    errors = lower.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for axes, (what, value) in zip(errors, panels, strict=True):
+        _by_variant(axes, rows, value, style, parties, what)
+    errors[0].set_yticks(range(len(variants)), wrapped, fontsize=SMALL)
+    errors[0].set_ylim(len(variants) - 0.5, -0.5)
     return shown
 
 
 def _by_parties(
     axes: Axes,
     rows: Sequence[Row],
-    value: Callable[[Row], float | None],
+    value: Value,
     style: Style,
     parties: list[int],
     title: str,
@@ -113,7 +115,7 @@ def _by_parties(
 def _by_variant(
     axes: Axes,
     rows: Sequence[Row],
-    value: Callable[[Row], float | None],
+    value: Value,
     style: Style,
     parties: list[int],
     title: str,

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich import box
 from rich.console import Console, Group
-from rich.table import Table
 
-from ciphernav_jax import extras, tables
+from ciphernav_jax import extras
 from ciphernav_jax.comparison.rows import Row
+from ciphernav_jax.tables import Cells, Table
 
 NOTE = (
     "Milliseconds of a warm call, median; all parties and the dealer on one machine. Compiling: with nothing "
@@ -20,6 +19,8 @@ NOTE = (
     "last place. Failed: truncations that landed farther off than any rounding. Ideal: a trusted third "
     "party, not a protocol; counted is what is left beside it."
 )
+IDEAL = " (ideal: not a protocol)"
+"""What is said of a variant that is none."""
 REFERENCES = {
     "float64": "float64",
     "own": "the function in its arguments' own dtypes, for it takes no float64",
@@ -47,7 +48,7 @@ ERRORS: tuple[Column, ...] = (
     ("truncations", lambda row: _count(row.truncations)),
     ("failed", lambda row: _count(row.failed)),
 )
-TABLES = (TIMES, MESSAGES, ERRORS)
+PARTS = (TIMES, MESSAGES, ERRORS)
 """Each is narrow enough for a terminal."""
 
 
@@ -92,11 +93,13 @@ class Comparison:
 
     def markdown(self) -> str:
         """One table with all columns, and the reasons of what was refused."""
-        columns = tuple(column for table in TABLES for column in table)
-        header = ("variant", "P", *(name for name, _ in columns))
-        table = tables.markdown(header, [(*_named(row), *_cells(row, columns)) for row in self.rows])
         reasons = "".join(f"- {reason}\n" for reason in self.reasons())
-        return f"{self.summary()}\n\n{table}\n\n{reasons}{chr(10) * bool(reasons)}{self._note()}\n"
+        return f"{self.summary()}\n\n{self.table().markdown()}\n{chr(10) * bool(reasons)}{reasons}"
+
+    def table(self) -> Table:
+        """All columns in one, and what they are."""
+        columns = tuple(column for part in PARTS for column in part)
+        return Table("Variants compared", *self._cells(columns), self._note())
 
     def reasons(self) -> list[str]:
         """Why rows have no numbers, or no gradient."""
@@ -122,17 +125,14 @@ class Comparison:
     def _note(self) -> str:
         return NOTE.format(reference=REFERENCES[self.configuration["reference"]])
 
-    def _table(self, columns: tuple[Column, ...]) -> Table:
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-        table.add_column("variant", overflow="fold", min_width=12)
-        for name in ("P", *(name for name, _ in columns)):
-            table.add_column(name, justify="right", no_wrap=True)
-        for row in self.rows:
-            table.add_row(*_named(row), *_cells(row, columns), style="dim" if row.refused else "")
-        return table
+    def _cells(self, columns: tuple[Column, ...]) -> tuple[Cells, list[Cells]]:
+        """Header and rows of some columns."""
+        header = ("variant", "P", *(name for name, _ in columns))
+        return header, [(*_named(row), *_cells(row, columns)) for row in self.rows]
 
     def __rich__(self) -> Group:
-        return Group(self.summary(), *map(self._table, TABLES), *self.reasons(), self._note())
+        parts = (Table("", *self._cells(columns)) for columns in PARTS)
+        return Group(self.summary(), *parts, *self.reasons(), self._note())
 
     def __str__(self) -> str:
         text = io.StringIO()
@@ -141,7 +141,7 @@ class Comparison:
 
 
 def _named(row: Row) -> tuple[str, str]:
-    return row.protocol + " (ideal: not a protocol)" * row.ideal, str(row.parties)
+    return row.protocol + IDEAL * row.ideal, str(row.parties)
 
 
 def _subject(row: Row) -> str:

@@ -29,6 +29,7 @@ def compare(
     parties: Sequence[int] = (2, 3, 5),
     protocols: Sequence[Protocol] = DEFAULT,
     public: Sequence[int] = (),
+    gradients: bool = True,
     out: str | Path | None = None,
     repeat: int | None = None,
     seed: int = 0,
@@ -50,6 +51,8 @@ def compare(
         parties: numbers of parties.
         protocols: variants; `Protocol.parse("truncation=nearest")` reads one.
         public: numbers of the arguments that stay public.
+        gradients: whether gradients are looked at too. Their program takes about as long to compile as the
+            function's; a step of training has its gradient among its values already.
         out: a folder. After each row all are written to OUT/comparison.json; the same comparison then goes on
             where it was, and further protocols and parties add to it. What was refused is tried again. At the
             end also comparison.md and comparison.png, which needs matplotlib.
@@ -91,7 +94,7 @@ def compare(
         extras.require("navigation", "a comparison's picture in `out`", "matplotlib")
         out = Path(out)
     asked = list(itertools.product(dict.fromkeys(parties), dict.fromkeys(protocols)))
-    compared = subject(function, args, public)
+    compared = subject(function, args, public, gradients)
     with files.claimed(out) if out else nullcontext(), _bar(progress, len(asked)) as (tell, advance):
         comparison = _compare(compared, asked, out, repeat, seed, tell, advance)
         if out:
@@ -156,6 +159,8 @@ def _kept(path: Path, begun: Comparison) -> Rows:
     with files.fitting(path, REMEDY):
         found = Comparison.from_dict(files.read_json(path, remedy=REMEDY))
         same = {
+            "with gradients, or without, and this is the other": found.configuration["gradients"]
+            == begun.configuration["gradients"],
             "of another function, or of other arguments": found.configuration["digest"]
             == begun.configuration["digest"],
             "with another seed": found.configuration["seed"] == begun.configuration["seed"],

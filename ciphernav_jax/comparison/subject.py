@@ -22,6 +22,9 @@ ADDRESS = re.compile(r" at 0x[0-9a-f]+")
 """What a jaxpr's text says of a function that is another in every process."""
 
 
+NOT_ASKED = "it was not asked for"
+
+
 @dataclass(frozen=True, eq=False)
 class Subject:
     """What is compared; made by `subject`.
@@ -65,12 +68,15 @@ class Subject:
                 f"args{jax.tree_util.keystr(path)}": f"{_dtype(x)}{list(np.shape(x))}" for path, x in named
             },
             "public": list(self.public),
+            "gradients": self.no_gradient != NOT_ASKED,
             "reference": self.reference,
         }
 
 
-def subject(function: Callable[..., Any], args: tuple[Any, ...], public: Sequence[int]) -> Subject:
-    """The function traced, and evaluated in float64 with its gradient.
+def subject(
+    function: Callable[..., Any], args: tuple[Any, ...], public: Sequence[int], gradients: bool = True
+) -> Subject:
+    """The function traced, and evaluated in float64 with its gradient, unless this is not asked for.
 
     Raises:
         TypeError: an argument is a `Secret`, or the function is secure already.
@@ -91,7 +97,8 @@ def subject(function: Callable[..., Any], args: tuple[Any, ...], public: Sequenc
     traced = [jax.make_jaxpr(function)(*args)]
     expected, reference = _exactly(function, args)
     gradient = functools.partial(_gradient, function, public)
-    expected_gradient, no_gradient = [], _without_gradient(function, args, public)
+    expected_gradient = []
+    no_gradient = _without_gradient(function, args, public) if gradients else NOT_ASKED
     if not no_gradient:
         try:
             traced.append(jax.make_jaxpr(gradient)(*args))

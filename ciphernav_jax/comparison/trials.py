@@ -1,6 +1,5 @@
 """One variant with one number of parties, measured."""
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -12,10 +11,11 @@ from numpy.typing import NDArray
 
 from ciphernav_jax.comparison.rows import Row
 from ciphernav_jax.comparison.subject import Subject, is_float, words
+from ciphernav_jax.comparison.timing import calls, compiled
 from ciphernav_jax.jax_private import without_compilation_cache
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
-from ciphernav_jax.secret import LAN, WAN, Secret, cost, is_secret, reveal, secure, validate
+from ciphernav_jax.secret import LAN, WAN, Secret, audit, cost, is_secret, reveal, secure
 
 # Without a number of calls to time: as many as fit in so many seconds, and no fewer than these.
 SECONDS = 1.0
@@ -47,11 +47,14 @@ def trial(
     step = secure(subject.function, protocol=protocol)
     counted = cost(step, *args)  # before all else: what is refused is refused here
     tell("compiling")
-    run, compile_seconds = _compiled(step, keys.derive(key, "lowered"), args)
+    with without_compilation_cache():
+        run, took = compiled(step, keys.derive(key, "lowered"), *args)
     tell("timing")
-    times = _times(run, keys.derive(key, "timed"), args, repeat)
+    of_calls, args = keys.derive(key, "timed"), jax.block_until_ready(args)
+    jax.block_until_ready(run(keys.derive(of_calls, "first"), *args))
+    times = [seconds for seconds, _ in calls(run, of_calls, args, repeat, seconds=SECONDS, fewest=FEWEST)]
     tell("looking at errors")
-    result, report = validate(step)(keys.derive(key, "values"), *args)
+    result, (truncations, failed) = audit(step)(keys.derive(key, "values"), *args)
     error = largest_error(opened(result), subject.expected)
     tell("looking at the gradient")
     gradient_error, no_gradient = _gradient_error(subject, protocol, keys.derive(key, "gradient"), args)
@@ -63,7 +66,7 @@ def trial(
         ideal=protocol.ideal,
         seconds=float(np.median(times)),
         calls=len(times),
-        compile_seconds=compile_seconds,
+        compile_seconds=sum(took.values()),
         rounds=counted.rounds,
         bytes_sent=counted.bytes_sent,
         bytes_dealt=counted.bytes_dealt,
@@ -75,8 +78,8 @@ def trial(
         gradient_error=gradient_error,
         gradient_error_units=None if gradient_error is None else gradient_error / unit,
         no_gradient=no_gradient,
-        truncations=sum(row.truncations for row in report.equations),
-        failed=sum(row.failed for row in report.equations),
+        truncations=int(truncations),
+        failed=int(failed),
         memory_bytes=_memory(run),
     )
 
@@ -115,27 +118,6 @@ def _gradient_error(
     except Exception as error:  # a derivative may have no rule where its function has one
         return None, words(error)
     return largest_error(opened(found), subject.expected_gradient), ""
-
-
-def _compiled(step: Callable[..., Any], key: Array, args: tuple[Any, ...]) -> tuple[Any, float]:
-    """The compiled program, and the seconds that tracing and compiling took."""
-    with without_compilation_cache():
-        start = time.perf_counter()
-        run = jax.jit(step).lower(key, *args).compile()
-        return run, time.perf_counter() - start
-
-
-def _times(run: Any, key: Array, args: tuple[Any, ...], repeat: int | None) -> list[float]:
-    """Seconds of warm calls, each with a key of its own."""
-    args = jax.block_until_ready(args)
-    jax.block_until_ready(run(keys.derive(key, "first"), *args))
-    began, times = time.perf_counter(), []
-    while len(times) < (repeat or FEWEST) or (repeat is None and time.perf_counter() - began < SECONDS):
-        fresh = jax.block_until_ready(keys.derive(key, len(times)))
-        start = time.perf_counter()
-        jax.block_until_ready(run(fresh, *args))
-        times.append(time.perf_counter() - start)
-    return times
 
 
 def _memory(run: Any) -> int | None:

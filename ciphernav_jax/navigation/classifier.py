@@ -1,6 +1,8 @@
 """A fresh action classifier on frozen features: what `learning` is given of Obstacle World."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -9,8 +11,11 @@ import numpy as np
 from flax import nnx
 
 from ciphernav_jax.learning import Column, Network, Sgd, Table
+from ciphernav_jax.learning.fitting import at_start
+from ciphernav_jax.learning.sgd import sgd_step
 from ciphernav_jax.models import ActionClassifier
 from ciphernav_jax.models.classifier import ACTIONS
+from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
 from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.parties import CAMERAS, SLOTS, cast
 from ciphernav_jax.navigation.samples import Samples
@@ -41,6 +46,22 @@ CLASSIFIER = Network(predict, ACTIONS)
 def initial(seed: int) -> dict:
     """Random public weights of a fresh classifier, as a dict of float32 arrays."""
     return nnx.to_pure_dict(nnx.split(ActionClassifier(nnx.Rngs(seed)))[1])
+
+
+def training_step(recipe: FreshClassifier, seed: int = 0) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+    """A step of a training, and a batch of random features and labels to look at it by.
+
+    Returns:
+        `step(state, slots, labels, decay)`, which is `sgd_step` with this recipe; and these arguments, all to
+        be shared but `decay`.
+    """
+    generator = np.random.default_rng(seed)
+    weights = initial(seed)
+    widths = (MAP_FEATURES if slot == "map" else VIEW_FEATURES for slot in SLOTS)
+    slots = tuple(generator.standard_normal((recipe.batch, width)).astype(np.float32) for width in widths)
+    labels = np.eye(ACTIONS, dtype=np.float32)[generator.integers(ACTIONS, size=recipe.batch)]
+    state = (*at_start(weights), np.float32(0))
+    return partial(sgd_step, CLASSIFIER, recipe=recipe), (state, slots, labels, np.float32(1))
 
 
 def table(features: Features, samples: Samples, parties: int | None = None) -> Table:

@@ -4,11 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from rich import box
-from rich.table import Table
 
 from ciphernav_jax.navigation import paper
 from ciphernav_jax.navigation.rollout import Episodes, Outcome
+from ciphernav_jax.tables import Table
 from ciphernav_jax.world.dataset import Dataset
 
 Counts = dict[str, dict[str, int]]
@@ -90,21 +89,9 @@ def rows(results: Mapping[str, Counts]) -> list[tuple[str, ...]]:
     return table
 
 
-def markdown(results: Mapping[str, Counts]) -> str:
-    """The table in Markdown, with its note."""
-    lines = [HEADER, ("---",) + ("---:",) * (len(HEADER) - 1), *rows(results)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + f"\n\n{NOTE}\n"
-
-
-def table(results: Mapping[str, Counts], heading: str) -> Table:
-    """The table for a terminal."""
-    shown = Table(title=heading, caption=NOTE, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    shown.add_column(HEADER[0])
-    for column in HEADER[1:]:
-        shown.add_column(column, justify="right")
-    for row in rows(results):
-        shown.add_row(*row)
-    return shown
+def table(results: Mapping[str, Counts], heading: str = "") -> Table:
+    """The table, with its note."""
+    return Table(heading, HEADER, rows(results), NOTE)
 
 
 def title(name: str) -> str:

@@ -11,6 +11,7 @@ and says at its head what the paper has, how long it takes, and what it writes. 
 - `beyond`: past the paper's accuracy.
 - `bounds`: what a robot could reach that knows the map alone, or what it sees at the start.
 - `forward`: seconds of a forward pass.
+- `variants`: variants of the protocols compared, and trained with.
 - `attack`: the attackers, and their scores.
 - `reconstruction`: is an obstacle in a camera's view? From features, shares, and all that parties see.
 - `exact`: the attacker who looks for masks that are used twice.

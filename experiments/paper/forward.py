@@ -14,11 +14,12 @@ import jax
 
 from ciphernav_jax import provenance
 from ciphernav_jax.command_line import read
+from ciphernav_jax.comparison.timing import calls, compiled
 from ciphernav_jax.files import write_json
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import share
-from experiments.measure import calls, compiled, summary
+from experiments.measure import FEWEST, SECONDS, summary
 from experiments.paper.runs import Options, console
 from experiments.work import Sizes, Work, works
 
@@ -38,12 +39,13 @@ def measured(work: Work, parties: int | None) -> dict[str, Any]:
         )
         run, compiling = compiled(work.secured(Protocol()), key, *args)
     jax.block_until_ready(run(key, *args))
+    timed = calls(run, key, args, seconds=SECONDS, fewest=FEWEST)
     return {
         "name": "plaintext" if parties is None else f"{parties} parties",
         "parties": parties,
         "weights": "secret" if work.secret[0] and parties else "public",
         "batch": Sizes().forward,
-        "seconds": summary([seconds for seconds, _ in calls(run, key, args)]),
+        "seconds": summary([seconds for seconds, _ in timed]),
         **compiling,
     }
 

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import tyro
 from numpy.typing import NDArray
@@ -30,13 +29,10 @@ from ciphernav_jax import provenance
 from ciphernav_jax.command_line import SEED, read
 from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.learning.progress import bar
-from ciphernav_jax.learning.sgd import sgd_step
-from ciphernav_jax.models.classifier import ACTIONS
-from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
 from ciphernav_jax.navigation import classifier, driving, folders, metrics, trainings
-from ciphernav_jax.navigation.classifier import CLASSIFIER, FreshClassifier
+from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.methods import METHODS
-from ciphernav_jax.navigation.parties import SLOTS, cast
+from ciphernav_jax.navigation.parties import cast
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.policies import best_action
 from ciphernav_jax.navigation.rollout import Episodes, random_walk
@@ -331,21 +327,11 @@ def by_length(environments: Dataset, episodes: Episodes) -> dict[str, metrics.Co
 @functools.cache
 def costs(recipe: FreshClassifier, parties: int) -> dict[str, Any]:
     """Rounds and bytes of a training step and of one robot's decision, from traces alone."""
-    weights = classifier.initial(0)
-    state = (weights, jax.tree.map(jnp.zeros_like, weights), jnp.float32(0))
-
-    def slots(rows: int) -> tuple[np.ndarray, ...]:
-        return tuple(
-            np.zeros((rows, MAP_FEATURES if slot == "map" else VIEW_FEATURES), np.float32) for slot in SLOTS
-        )
+    step, (state, slots, labels, decay) = classifier.training_step(recipe)
 
     def shapes(values: Any) -> Any:
         return jax.eval_shape(lambda key: share(key, values, parties=parties), jax.random.key(0))
 
-    def step(state, slots, labels, decay):
-        return sgd_step(CLASSIFIER, state, slots, labels, decay, recipe)
-
-    batch = (slots(recipe.batch), np.zeros((recipe.batch, ACTIONS), np.float32))
-    training = cost(secure(step), *shapes((state, *batch)), np.float32(1))
-    decision = cost(secure(best_action), *shapes((weights, slots(1))))
+    training = cost(secure(step), *shapes((state, slots, labels)), decay)
+    decision = cost(secure(best_action), *shapes((state[0], tuple(slot[:1] for slot in slots))))
     return {"training step": training.as_dict(), "decision": decision.as_dict()}

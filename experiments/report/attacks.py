@@ -31,14 +31,14 @@ def reconstruction(results: Results) -> Table:
             )
         )
     return Table(
-        "reconstruction",
         "Is there an obstacle in a camera's view? Right answers in percent",
         ("what the attacker sees", "words", "trials", "paper", *(f"ours: {name}" for name in attackers)),
         rows,
         f"Chance is {paper.RECONSTRUCTION['chance']:g}. {OVER_SEEDS}; of one seed, the 95 % interval. "
         "Plaintext features, reused masks, no mask and no own share are leaks put there so that they be "
         "found.",
-        () if rows else (script("reconstruction"),),
+        name="reconstruction",
+        missing=() if rows else (script("reconstruction"),),
     )
 
 
@@ -65,7 +65,6 @@ def own_runs(results: Results) -> Table:
             )
         )
     return Table(
-        "own_runs",
         "What all parties but one find in the project's own runs, with the keys that these derive",
         ("who", *exact.FOUND, *(f"learned: {name}" for name in ATTACKERS)),
         rows,
@@ -74,7 +73,8 @@ def own_runs(results: Results) -> Table:
         "another hidden value, or whose difference to it, is; *repeated*: words seen twice, or negated. "
         "Learned: obstacles in a camera's view, right answers in percent of all guesses, where chance is 50; "
         "in brackets the worst and the best of all cameras and pairs of runs.",
-        () if rows else (script("own_runs"),),
+        name="own_runs",
+        missing=() if rows else (script("own_runs"),),
     )
 
 
@@ -114,7 +114,6 @@ def queries(results: Results) -> Table:
         )
         rows.append(("Always the most frequent", "", "", "", *usual))
     return Table(
-        "queries",
         "What a robot infers that asks for the way to every goal",
         ("what it knows", "obstacles: balanced", "obstacles: AUC", "obstacles: all", "shape", "colour"),
         rows,
@@ -122,7 +121,8 @@ def queries(results: Results) -> Table:
         "that may hold one, area under the curve, and how often all cells are right. Shape and colour are "
         "those of an only obstacle. *Layout* is what is known beforehand, *camera features* what a leak "
         "would tell. The paper has no number: it argues that answers tell where obstacles are, and no more.",
-        () if rows else (script("queries"),),
+        name="queries",
+        missing=() if rows else (script("queries"),),
     )
 
 

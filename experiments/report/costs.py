@@ -31,7 +31,6 @@ def cost(results: Results) -> Table:
         training = ("", _digits(paper.TRAINING_EPOCHS, 2), duration(paper.TRAINING_S), "", "", "", "")
         rows.append(("The paper, on a GPU", "", " / ".join(printed), *training))
     return Table(
-        "cost",
         "What training in secret takes",
         (
             "training",
@@ -50,7 +49,8 @@ def cost(results: Results) -> Table:
         "training samples. Compiling is apart, and faster where JAX's cache has the program. Accuracy: "
         "overall, on the independent test set; the paper's with 2 / 5 parties. Messages: the time that those "
         "of all steps take on a network, projected; without computation, and without the dealer's.",
-        made_by(results, CHEAP),
+        name="cost",
+        missing=made_by(results, CHEAP),
     )
 
 
@@ -87,13 +87,13 @@ def messages(results: Results) -> Table:
     of_step = tuple(f"step: {what}" for what in ("rounds", "MB sent", "MB dealt"))
     of_decision = tuple(f"decision: {what}" for what in ("rounds", "kB sent", "kB dealt", "LAN ms", "WAN ms"))
     return Table(
-        "messages",
         "Messages of a training step, and of one robot's decision",
         ("training", *of_step, *of_decision),
         rows,
         "*Sent*: by each party. *Dealt*: correlated randomness, to all parties together, before the step. "
         "Times are projected, without computation.",
-        made_by(results, CHEAP),
+        name="messages",
+        missing=made_by(results, CHEAP),
     )
 
 
@@ -113,12 +113,12 @@ def audit(results: Results) -> Table:
     if rows:
         rows.append(("All", *(f"{count:,}" for count in sums)))
     return Table(
-        "truncations",
         "Truncations carried out, and failed",
         ("training", "runs", "truncations", "failed"),
         rows,
         "Only a simulation, which knows every value, can count failures: results off by more than rounding.",
-        () if rows else made_by(results, CHEAP),
+        name="truncations",
+        missing=() if rows else made_by(results, CHEAP),
     )
 
 
@@ -130,12 +130,12 @@ def forward(results: Results) -> Table:
         for line in document["results"]
     ]
     return Table(
-        "forward",
         "A forward pass of the action classifier, batch 100",
         ("parties", "weights", "device", "ours: ms", "ours: quartiles", "paper: CPU ms", "paper: GPU ms"),
         rows,
         "Median after warm-up; all parties and the dealer on one machine. The paper has the weights public.",
-        () if rows else (script("forward"),),
+        name="forward",
+        missing=() if rows else (script("forward"),),
     )
 
 

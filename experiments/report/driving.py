@@ -36,12 +36,12 @@ def accuracy(results: Results, test_set: str) -> Table:
     """Successes in percent of the trials."""
     printed = {(name, half): getattr(row, half) for name, row in paper.TABLE.items() for half in HALVES}
     return Table(
-        f"accuracy-{test_set}",
         f"Accuracy in percent, {SETS[test_set]}",
         *_beside(results, test_set, _share("success", "trials"), printed),
         f"{OVER_SEEDS}; *overall* from the counts. {ABOUT[test_set]}"
         + ABOUT_RECIPES * bool(_recipes(results)),
-        made_by(results, ROWS),
+        name=f"accuracy-{test_set}",
+        missing=made_by(results, ROWS),
     )
 
 
@@ -57,12 +57,12 @@ def short(results: Results) -> Table:
         if (documents := results.runs.get(name))
     ]
     return Table(
-        "short-accuracy",
         "Accuracy in percent, in short",
         ("method", "the paper", "ours", "ours, unseen layouts"),
         rows,
         f"{OVER_SEEDS}, in percent of all episodes.",
-        made_by(results, SHORT),
+        name="short-accuracy",
+        missing=made_by(results, SHORT),
     )
 
 
@@ -74,11 +74,11 @@ def efficiency(results: Results, test_set: str) -> Table:
         for half in HALVES
     }
     return Table(
-        f"efficiency-{test_set}",
         f"Efficient successes in percent, {SETS[test_set]}",
         *_beside(results, test_set, _share("efficient", "success"), printed),
         f"{OVER_SEEDS}: successes with at most as many actions as the shortest path, of all successes.",
-        made_by(results, ROWS),
+        name=f"efficiency-{test_set}",
+        missing=made_by(results, ROWS),
     )
 
 
@@ -92,7 +92,6 @@ def beyond(results: Results) -> Table:
             cells = (cell for test_set in SETS for cell in _careful_cells(documents, test_set))
             rows.append((title(name), seeds(documents), *cells))
     return Table(
-        "beyond",
         "Past the paper: longer trainings, and robots that use what they alone know",
         tuple(header),
         rows,
@@ -101,7 +100,8 @@ def beyond(results: Results) -> Table:
         "Accuracy and efficient successes in percent. Lost: episodes of all seeds that end without a crash "
         "away from the goal. Alone: robots that came to plan for themselves, in percent "
         "(`experiments.paper.beyond`).",
-        made_by(results, BEYOND),
+        name="beyond",
+        missing=made_by(results, BEYOND),
     )
 
 
@@ -130,13 +130,13 @@ def failures(results: Results, test_set: str) -> Table:
     names, kinds = tuple(paper.FAILURES), paper.Failures._fields
     printed = {(name, kind): getattr(row, kind) for name, row in paper.FAILURES.items() for kind in kinds}
     return Table(
-        f"failures-{test_set}",
         f"Failures of {paper.TRIALS:,} episodes, {SETS[test_set]}",
         *_beside(results, test_set, value, printed, kinds, names, digits=1),
         f"{OVER_SEEDS}, counted in each seed's test and scaled to the paper's {paper.TRIALS:,} episodes, "
         "half of which require a detour. Obstacle and wall: crashes. No crash: the robot stops elsewhere "
         "than on its goal, or wanders.",
-        made_by(results, names),
+        name=f"failures-{test_set}",
+        missing=made_by(results, names),
     )
 
 
@@ -153,7 +153,6 @@ def bounds(results: Results) -> Table:
         for known, sets in document["results"].items()
     ]
     return Table(
-        "bounds",
         "The best plan that can be made at the start",
         ("known at the start", "detour", "no detour", "overall", "unseen: overall"),
         rows,
@@ -161,7 +160,8 @@ def bounds(results: Results) -> Table:
         "unseen one does: there, who knows what has come up in training can rule it out. A model that "
         "knows the map alone cannot be better than the first row without a leak; one with eyes sees more "
         "as it goes.",
-        () if rows else (script("bounds"),),
+        name="bounds",
+        missing=() if rows else (script("bounds"),),
     )
 
 

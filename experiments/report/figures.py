@@ -1,23 +1,32 @@
 """The report's figures, mostly one panel, for a phone: as SVG for the page, as PNG for the pages."""
 
 import io
+import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ciphernav_jax.comparison import pictures
+from ciphernav_jax.comparison.pictures import COLOURS
 from ciphernav_jax.navigation import metrics, paper
-from experiments import pictures
-from experiments.pictures import COLOURS, GREY
+from experiments.report.engine import compared
 from experiments.report.results import Document, Results, overall_accuracy, spread
 from experiments.report.table import CHEAP, SETS, made_by, script, title
 
 LENGTHS = ("map-only", "first-person-deterministic", "secret-2", "secret-5", "plaintext")
 """Rows that are compared by path length, in the order of `COLOURS`."""
+
+GREY = "#8C8C8C"
+DPI = 90
+
+Line = Mapping[int, float]
+"""y by x, which rises."""
 
 # A colour that stands for that of the page's text, whatever it is; see `svg`.
 INK = "#010203"
@@ -62,7 +71,7 @@ def every(results: Results) -> Iterator[Picture]:
     yield by_length(results, "failure")
     yield secret_curves(results)
     yield paper_curves(results)
-    yield variants(results)
+    yield sweep(results)
 
 
 def overall(results: Results) -> Picture:
@@ -90,24 +99,27 @@ def overall(results: Results) -> Picture:
     return Picture("overall", "Accuracy beside the paper's", note, draw if names else None, missing)
 
 
+COINCIDE = "Lines that coincide are drawn in one another."
+
+
 def by_length(results: Results, what: str) -> Picture:
     """Successes or failures of a run by the length of the shortest path, as in the paper's figure."""
     names = [name for name in LENGTHS if name in results.runs]
 
     def draw() -> Figure:
         figure, axes = _panel()
-        for name, colour in zip(LENGTHS, COLOURS, strict=False):
-            if name in names:
-                lengths, counts = zip(*episodes_by_length(results.runs[name], what).items(), strict=True)
-                style = "--" if name.startswith("secret") else "-"
-                axes.plot(lengths, counts, style, color=colour, marker="o", ms=4, label=title(name))
+        lines = {name: episodes_by_length(results.runs[name], what) for name in names}
+        for (name, line), width in zip(lines.items(), widths(list(lines.values())), strict=True):
+            colour = COLOURS[LENGTHS.index(name)]
+            axes.plot(*_xy(line), color=colour, lw=width, marker="o", ms=width + 2.5, label=title(name))
         axes.set(xlabel="moves of the shortest path", ylabel="episodes a seed", ylim=(0, None))
         return _legend(figure, 2)
 
     return Picture(
         f"{what}-by-length",
         f"{what.capitalize()} by path length",
-        f"Episodes that end in {what}, all seeds added up and divided by their number; independent test set.",
+        f"Episodes that end in {what}, all seeds added up and divided by their number; independent test set. "
+        f"{COINCIDE}",
         draw if names else None,
         made_by(results, LENGTHS),
     )
@@ -131,7 +143,7 @@ def secret_curves(results: Results) -> Picture:
         "curves",
         "Training from scratch under secret sharing",
         "The loss, summed over a chunk of steps, and the right answers of its last batch are all that is "
-        "opened. A line for each seed.",
+        f"opened. A line for each seed. {COINCIDE}",
         (lambda: _curves(results, names)) if names else None,
         made_by(results, (*CHEAP, "plaintext-classifier")),
     )
@@ -145,37 +157,59 @@ def paper_curves(results: Results) -> Picture:
         "paper-recipe",
         "The paper's recipe beside ours",
         "SGD with learning rate 0.01, as the paper says, and ours with two parties. With 500 samples a step "
-        "the line in secret covers the one in plaintext.",
+        f"the line in secret lies on the one in plaintext. {COINCIDE}",
         (lambda: _curves(results, names + compared, log_steps=True)) if names else None,
         () if names else (script("paper_recipe"),),
     )
 
 
-def variants(results: Results) -> Picture:
-    """The picture of a sweep."""
-    document = results.sweep
+def sweep(results: Results) -> Picture:
+    """The picture of a comparison of variants."""
+    found = compared(results)
     return Picture(
-        "variants",
-        "Variants of the protocols compared",
-        "",
-        (lambda: pictures.variants(document)) if document else None,
-        () if document else ("python -m experiments sweep",),
+        "sweep",
+        "Variants of the protocols: a picture of the same step",
+        "Each variant has a mark of its own, hollow where it is no protocol.",
+        (lambda: pictures.figure(found.rows, "A training step of the paper's classifier")) if found else None,
+        () if found else (script("variants"),),
         wide=True,
     )
 
 
 def _curves(results: Results, names: list[str], *, log_steps: bool = False) -> Figure:
     figure, axes = _panel()
-    for name, colour in zip(names, COLOURS, strict=False):
-        for number, document in enumerate(results.runs[name]):
-            steps, losses = zip(*((point["step"], point["loss"]) for point in document["curve"]), strict=True)
-            style = "-" if "cost" in document else "--"
-            label = None if number else title(name)
-            axes.plot(steps, losses, style, color=colour, lw=1.2, alpha=0.9, label=label)
+    lines = {
+        name: [
+            {point["step"]: point["loss"] for point in document["curve"]} for document in results.runs[name]
+        ]
+        for name in names
+    }
+    nested = widths([{x: math.log(y) for x, y in of_seeds[0].items()} for of_seeds in lines.values()])
+    for (name, of_seeds), colour, width in zip(lines.items(), COLOURS, nested, strict=False):
+        style = "-" if "cost" in results.runs[name][0] else "--"
+        for number, line in enumerate(of_seeds):
+            axes.plot(*_xy(line), style, color=colour, lw=width, label=None if number else title(name))
     axes.set(
         xlabel="step", ylabel="mean squared error", yscale="log", xscale="log" if log_steps else "linear"
     )
     return _legend(figure, 2)
+
+
+def widths(lines: Sequence[Line]) -> list[float]:
+    """Of lines that are drawn one over the other: each is wider than those above that would hide it."""
+    values = [y for line in lines for y in line.values()]
+    near = 0.02 * (max(values) - min(values)) if values else 0.0
+
+    def hides(above: Line, below: Line) -> bool:
+        x, y = np.array(_xy(below))
+        there = (x >= min(above)) & (x <= max(above))
+        return bool(there.any()) and np.median(np.abs(np.interp(x, *_xy(above)) - y)[there]) <= near
+
+    return [1.3 + 1.9 * sum(hides(above, below) for above in lines[i + 1 :]) for i, below in enumerate(lines)]
+
+
+def _xy(line: Line) -> tuple[list[float], list[float]]:
+    return list(line), list(line.values())
 
 
 def _legend(figure: Figure, columns: int) -> Figure:
@@ -203,6 +237,8 @@ def svg(picture: Picture) -> str:
         file = io.StringIO()
         picture.draw().savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     drawn = file.getvalue()
-    drawn = drawn[drawn.index("<svg") :].replace(INK, "currentColor").replace("#000000", "currentColor")
+    drawn = drawn[drawn.index("<svg") :]
+    for ink in (INK, "#000000", pictures.GREY):
+        drawn = re.sub(ink, "currentColor", drawn, flags=re.IGNORECASE)
     drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.DOTALL)  # it names other sites
     return drawn.replace("<svg ", f'<svg role="img" aria-label="{picture.title}" ', 1)

@@ -22,12 +22,12 @@ def minutes(results: Results) -> Table:
         count = str(len(results.bench["results"]))
         rows.append(("`python -m experiments bench`", count, UNKNOWN, UNKNOWN, f"{largest / 1e9:.2g} GB"))
     return Table(
-        "minutes",
-        "How long the experiments take",
-        ("command", "runs", "all of them", "the longest", "memory"),
-        rows,
-        NOTE,
-        () if rows else (script("accuracy"),),
+        name="minutes",
+        title="How long the experiments take",
+        header=("command", "runs", "all of them", "the longest", "memory"),
+        rows=rows,
+        note=NOTE,
+        missing=() if rows else (script("accuracy"),),
     )
 
 

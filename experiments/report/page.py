@@ -28,13 +28,12 @@ INTRODUCTION = (
 
 
 class Section(NamedTuple):
-    """A part of the page: the names of its tables and figures, and of those that are folded away."""
+    """A part of the page: the names of its tables and figures."""
 
     name: str
     title: str
     text: str
     parts: tuple[str, ...]
-    folded: tuple[str, ...] = ()
 
 
 SECTIONS = (
@@ -63,8 +62,10 @@ SECTIONS = (
         "paths",
         "Failures and path lengths",
         "How failed episodes ended, how good the paths are, and what their length does.",
-        ("success-by-length", "failure-by-length", "failures-test", "efficiency-test"),
-        ("failures-unseen", "efficiency-unseen"),
+        (
+            *("success-by-length", "failure-by-length"),
+            *("failures-test", "failures-unseen", "efficiency-test", "efficiency-unseen"),
+        ),
     ),
     Section(
         "episodes",
@@ -84,8 +85,7 @@ SECTIONS = (
         "The engine",
         "The paper's action classifier beside the machine's floor, other frameworks, and variants of the "
         "protocols.",
-        ("bench", "growth", "peers"),
-        ("sweep", "variants"),
+        ("bench", "growth", "peers", "variants", "sweep", "trained"),
     ),
 )
 
@@ -153,11 +153,8 @@ def rich(text: str) -> str:
 
 
 def _section(section: Section, parts: dict[str, str]) -> str:
-    body = _flowing(section.parts, parts)
-    if section.folded:
-        body += f"<details><summary>More</summary>{_flowing(section.folded, parts)}</details>"
     head = f'<h2 id="{section.name}">{section.title}</h2>\n<p>{rich(section.text)}</p>'
-    return f"<section>{head}\n{body}</section>"
+    return f"<section>{head}\n{_flowing(section.parts, parts)}</section>"
 
 
 def _flowing(names: Iterable[str], parts: dict[str, str]) -> str:
@@ -296,7 +293,7 @@ def _episodes(results: Results) -> str:
 
 
 def _driver(document: Document) -> str:
-    return f"{title(document['driver'])}, {document['parties']} parties, seed {document['seed']}."
+    return f"{title(document['driver'])}, seed {document['seed']}."
 
 
 def _episode(episode: Document) -> str:
@@ -306,7 +303,7 @@ def _episode(episode: Document) -> str:
     )
     text = shown.caption(episode)
     return (
-        f'<figure><img alt="{text}" src="{shown.uri(shown.drawn(episode))}">'
+        f'<figure><img alt="from above" src="{shown.uri(shown.drawn(episode))}">'
         f'<div class="views">{views}</div><figcaption>{text}</figcaption></figure>'
     )
 

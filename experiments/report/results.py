@@ -12,9 +12,6 @@ from ciphernav_jax.navigation import metrics
 
 Document = dict[str, Any]
 
-WHOLE = ("bench", "sweep")
-"""Names of the files that stand beside the folder of the paper's."""
-
 
 @dataclass(frozen=True)
 class Results:
@@ -24,22 +21,20 @@ class Results:
         runs: the documents of `experiments.paper.runs.run_row` by row, in the order of seeds.
         others: those of the other scripts in `experiments.paper` by the script's word, such as "forward".
         bench: of `python -m experiments bench`.
-        sweep: of `python -m experiments sweep`.
     """
 
     runs: dict[str, list[Document]]
     others: dict[str, list[Document]]
     bench: Document | None
-    sweep: Document | None
 
     def documents(self) -> list[Document]:
         """Every document."""
         found = [d for group in (self.runs, self.others) for documents in group.values() for d in documents]
-        return found + [document for document in (self.bench, self.sweep) if document]
+        return [*found, self.bench] if self.bench else found
 
 
 def load(folder: Path) -> Results:
-    """Everything in FOLDER/paper, FOLDER/bench.json and FOLDER/sweep.json that is there; see `read`."""
+    """Everything in FOLDER/paper and FOLDER/bench.json that is there; see `read`."""
     return gathered(read(folder))
 
 
@@ -53,25 +48,25 @@ def read(folder: Path) -> dict[Path, Document]:
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder} is missing; say with --results where the result files are")
     paths = sorted((folder / "paper").glob("*.json"))
-    paths += [path for name in WHOLE if (path := folder / f"{name}.json").exists()]
-    return {path: read_json(path) for path in paths}
+    bench = folder / "bench.json"
+    return {path: read_json(path) for path in [*paths, *[bench] * bench.exists()]}
 
 
 def gathered(documents: dict[Path, Document]) -> Results:
     """The documents by what they are of."""
     runs: dict[str, list[Document]] = defaultdict(list)
     others: dict[str, list[Document]] = defaultdict(list)
-    whole: dict[str, Document | None] = dict.fromkeys(WHOLE)
+    bench = None
     for path, document in documents.items():
-        if path.stem in WHOLE:
-            whole[path.stem] = document
+        if path.stem == "bench":
+            bench = document
         elif "curve" in document:  # a training's, or the random walk's empty one
             runs[document["row"]].append(document)
         else:
             others[path.stem.partition("-")[0]].append(document)
     for of_row in runs.values():
         of_row.sort(key=lambda document: document["seed"])
-    return Results(dict(runs), dict(others), **whole)
+    return Results(dict(runs), dict(others), bench)
 
 
 class Spread(NamedTuple):

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from ciphernav_jax.files import write_bytes
+from ciphernav_jax.files import write_bytes, write_png
 from ciphernav_jax.navigation.parties import SLOTS, Party, cast
 from ciphernav_jax.navigation.pictures import WORDS, from_above
 from ciphernav_jax.navigation.rollout import Outcome
@@ -21,7 +21,7 @@ from ciphernav_jax.world import topview
 from ciphernav_jax.world.grid import ACTIONS
 from ciphernav_jax.world.poses import IMAGE_SHAPE
 from ciphernav_jax.world.scenario import Obstacle, Scenario
-from experiments.pictures import save
+from experiments.report.figures import DPI
 from experiments.report.results import Document
 
 Pixels = NDArray[np.uint8]
@@ -115,7 +115,7 @@ def sheet(document: Document, path: Path, columns: int = 5) -> None:
     for axes, episode in zip(figure.axes, episodes, strict=False):
         axes.imshow(drawn(episode))
         axes.set_title(textwrap.fill(caption(episode), 30), fontsize=8)
-    save(figure, path)
+    write_png(path, figure, dpi=DPI)
 
 
 def parties(frame: Frame, count: int, path: Path) -> None:
@@ -141,7 +141,7 @@ def parties(frame: Frame, count: int, path: Path) -> None:
             if not number:
                 axes.set_title(HEADINGS[slot], fontsize=9)
         row[0].set_ylabel(name(party).replace("Camera ", "Camera\n"), fontsize=8)
-    save(figure, path)
+    write_png(path, figure, dpi=DPI)
 
 
 def animation(shown: list[Frame], parties: int, path: Path) -> None:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from ciphernav_jax import tables
 from ciphernav_jax.navigation import metrics
-from ciphernav_jax.tables import Cells
 from experiments.report.results import Results
 
 ONE_SEED = ("secret-3", "secret-9", "secret-16")
@@ -53,29 +52,23 @@ SCRIPTS = {"fewest": "fewest_steps", "longer": "beyond", "beyond": "beyond", "al
 OVER_SEEDS = "Ours: mean ± sample standard deviation over seeds"
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table as text.
+@dataclass(frozen=True, kw_only=True)
+class Table(tables.Table):
+    """A table of the report.
 
     Attributes:
-        name: of its block in paper.md.
-        title: what it shows.
-        header: a name "group: column" stands under the group in HTML.
-        rows: the cells; none where no file is there.
-        note: what the numbers are; code in backticks.
+        name: of its block on a page.
+        title, header, rows, note: as of every table. A name "group: column" stands under the group in HTML,
+            and code in a note stands in backticks; there are no rows where no file is there.
         missing: commands that make what is not there.
     """
 
     name: str
-    title: str
-    header: Cells
-    rows: list[Cells]
-    note: str
     missing: tuple[str, ...] = ()
 
     def markdown(self) -> str:
         """Table, note, and what is missing."""
-        parts = [tables.markdown(self.header, self.rows), self.note] if self.rows else []
+        parts = [super().markdown()] if self.rows else []
         return "\n\n".join([*parts, *(f"Missing; it is made by `{command}`." for command in self.missing)])
 
 

@@ -28,6 +28,7 @@ def every(results: Results) -> Iterator[Table]:
         engine.peers,
         engine.variants,
         minutes.minutes,
+        engine.trained,
         driving.short,
         engine.short,
     )

@@ -11,9 +11,9 @@ from pathlib import Path
 from rich.console import Console
 
 from ciphernav_jax import files
-from ciphernav_jax.files import write_bytes, write_text
-from experiments import pictures
+from ciphernav_jax.files import write_bytes, write_png, write_text
 from experiments.report import figures, page, results, shown, tables
+from experiments.report.figures import DPI
 from experiments.report.results import Results
 
 console = Console(highlight=False)
@@ -66,7 +66,7 @@ def _write(found: Results, out: Path) -> None:
     write_text(out / "paper.md", markdown(found))
     for picture in figures.every(found):
         if picture.draw:
-            pictures.save(picture.draw(), out / f"{picture.name}.png")
+            write_png(out / f"{picture.name}.png", picture.draw(), dpi=DPI)
     for document in found.others.get("episodes", [])[:1]:
         shown.sheet(document, out / "episodes.png")
         frames = list(shown.frames(document["watched"], document["parties"]))

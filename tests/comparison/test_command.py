@@ -99,11 +99,11 @@ def test_without_a_function_it_is_a_training_step_of_the_papers_classifier(run, 
         return Row(str(protocol), parties, protocol.ideal)
 
     monkeypatch.setattr(running, "trial", trial)
-    _, args = sweep.training_step(0)
-    (weights, velocity, loss), slots, labels = args
+    _, args, public = sweep.training_step(0)
+    (weights, velocity, loss), slots, labels, decay = args
     assert sum(x.size for x in jax.tree.leaves(weights)) == 46_373
     assert not any(np.any(x) for x in jax.tree.leaves((velocity, loss)))
-    assert [x.shape for x in slots] == [(100, 32)] * 5 + [(100, 128)]
+    assert [x.shape for x in slots] == [(500, 32)] * 5 + [(500, 128)]
     assert np.all(np.sum(labels, axis=1) == 1)
     code, out, _ = run("--parties", "2", "3", "--variant", "default", "truncation=nearest")
     assert code == 0
@@ -111,4 +111,5 @@ def test_without_a_function_it_is_a_training_step_of_the_papers_classifier(run, 
     assert "sgd_step" in out
     assert compared[0].reference == "float64"
     assert compared[0].no_gradient == ""
-    assert compared[0].public == ()
+    assert compared[0].public == public == (3,)
+    assert decay == 1

@@ -3,6 +3,7 @@
 import doctest
 import inspect
 import io
+import itertools
 import json
 import math
 from dataclasses import replace
@@ -16,7 +17,7 @@ from rich.console import Console
 
 import ciphernav_jax as cn
 from ciphernav_jax import extras, files
-from ciphernav_jax.comparison import Comparison, Row, pictures, running, trials
+from ciphernav_jax.comparison import Comparison, Row, pictures, running, timing, trials
 from ciphernav_jax.ring import keys
 
 DEFAULT = cn.Protocol()
@@ -131,14 +132,21 @@ def test_times_calls_and_memory_are_told(compared):
 
 
 def test_calls_fill_about_a_second_and_have_a_key_each(monkeypatch):
-    monkeypatch.setattr(trials, "SECONDS", 0.05)
-    given = []
-    times = trials._times(
-        lambda key, x: given.append(np.asarray(keys.words(key)).tobytes()), keys.root(0), (1,), None
-    )
-    assert len(set(given)) == len(given) == len(times) + 1 > trials.FEWEST
-    monkeypatch.setattr(trials, "SECONDS", 0.0)
-    assert len(trials._times(lambda key, x: x, keys.root(0), (1,), None)) == trials.FEWEST
+    given, clock = [], itertools.count(0.0, 0.1)  # a call takes a tenth of a second
+    monkeypatch.setattr(timing.time, "perf_counter", lambda: next(clock))
+
+    def taken(repeat=None, **so_long):
+        given.clear()
+        run = lambda key, x: given.append(np.asarray(keys.words(key)).tobytes())  # noqa: E731
+        times = [seconds for seconds, _ in timing.calls(run, keys.root(0), (1,), repeat, **so_long)]
+        np.testing.assert_allclose(times, 0.1)
+        assert len(set(given)) == len(given) == len(times)
+        return len(times)
+
+    assert taken(seconds=0.95, fewest=3) == 10
+    assert taken(seconds=0.0, fewest=3) == 3
+    assert taken(seconds=1e9, fewest=3) == timing.MOST
+    assert taken(2, seconds=1.0, fewest=3) == 2
 
 
 @pytest.mark.parametrize(

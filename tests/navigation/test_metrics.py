@@ -31,7 +31,7 @@ def test_nothing_of_nothing_is_not_a_number():
 
 
 def test_markdown_stands_beside_the_paper():
-    text = metrics.markdown({"secret-2": COUNTS, "plaintext-classifier": COUNTS})
+    text = metrics.table({"secret-2": COUNTS, "plaintext-classifier": COUNTS}).markdown()
     assert (
         "| 2 parties, cameras | 50.0 (93.6) | 100.0 (98.8) | 87.5 (96.6) | 88.6 (99.5) | 3 / 2 / 0 |" in text
     )
