@@ -8,8 +8,8 @@ a box) that names the file or the option. *Harmless*: it ends with 0 and leaves 
 harm. All else is *other*, and a fault: a traceback, a message that names nothing, a result that is silently
 another one.
 
-The commands are the real ones. Views are noise instead of rendered, trials of a sweep are not run, and a
-report draws no pictures, so that a case takes a moment.
+The commands are the real ones. Views are noise instead of rendered, trials of a sweep are not run, and
+no pictures are drawn, so that a case takes a moment.
 """
 
 import contextlib
@@ -35,22 +35,27 @@ import tyro
 
 from ciphernav_jax import cli, files, provenance
 from ciphernav_jax.cli import options as of_library
+from ciphernav_jax.comparison import Row, pictures, running
 from ciphernav_jax.navigation import metrics
+from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.world import dataset, shards
 from ciphernav_jax.world.generate import Generate
 from ciphernav_jax.world.grid import WALLS
 from ciphernav_jax.world.poses import CAMERAS, IMAGE_SHAPE, POSE_CELL, POSES
 from experiments import __main__ as experiments
-from experiments import options, pictures, process
-from experiments.report import figures
+from experiments import options
+from experiments.report import figures, write
 
 ROOT = Path(__file__).parents[1]
 COUNT = 10
 MADE = f"--count {COUNT} --workers 1"
 TRAIN = "train --method map-only --data world/train --epochs 2 --seed 1"
-SWEEP = "sweep --variant default truncation=nearest"
+SWEEP = "sweep --function tests.fuzz:squares --variant default truncation=nearest"
 FRESH = "train --encoders seeing --data world/train --batch 8"
-RESULTS = ("bench", "sweep", "paper/map-only-0", "paper/secret-2-0", "paper/bounds", "paper/forward-cpu")
+RESULTS = (
+    "bench",
+    *(f"paper/{name}" for name in ("map-only-0", "secret-2-0", "bounds", "forward-cpu", "variants")),
+)
 
 
 # What is faked ---------------------------------------------------------------------------------------------
@@ -75,19 +80,18 @@ def drawn(request: shards.Request, number: int) -> shards.Shard:
     return shards.Shard(views, view_of, "noise", shards._columns(scenarios))
 
 
-def tried(module: Any, order: dict[str, Any], title: str, cache: str = "") -> dict[str, Any]:
+def squares() -> tuple[Any, ...]:
+    """What a sweep compares."""
+    return (lambda x: x * x), np.ones(2)
+
+
+def tried(
+    subject: Any, protocol: Protocol, parties: int, key: Any, repeat: int | None, tell: Callable[[str], None]
+) -> Row:
     """What a trial of a sweep could answer."""
-    part = {"trace_s": 1.0, "compile_s": 2.0, "seconds": {"median": 0.01 * order["parties"]}}
-    costs = {"rounds": 43, "bytes_sent": 10_000_000, "bytes_dealt": 5, "lan_s": 0.1, "wan_s": 2.5}
-    errors = {"largest": 1e-5, "rms": 1e-6, "far": 0, "of": 100}
-    return {
-        **{name: part | {"cost": costs} for name in ("forward", "step")},
-        **{name: errors for name in ("outputs", "gradients")},
-        "curve": [[2, 9.0, 8.0]],
-        "diverged": False,
-        "in_range": True,
-        "truncations": {"failed": 7, "of": 1024, "value": 3e4},
-    }
+    return Row(
+        str(protocol), parties, protocol.ideal, seconds=0.01 * parties, rounds=43, error=1e-5, failed=7
+    )
 
 
 def tallied(*args: Any) -> dict[str, Any]:
@@ -104,9 +108,10 @@ def faked() -> Iterator[None]:
     fakes = [
         (shards, "SHARD", 4),
         (dataset, "draw_shards", lambda request, numbers, workers: (drawn(request, n) for n in numbers)),
-        (process, "run", tried),
-        (pictures, "save", lambda figure, path: files.write_bytes(path, b"a picture")),
-        (pictures, "variants", lambda document: None),
+        (running, "trial", tried),
+        (write, "write_png", lambda path, figure, dpi: files.write_bytes(path, b"a picture")),
+        (pictures, "draw", lambda rows, title, path: files.write_bytes(path, b"a picture")),
+        (pictures, "figure", lambda rows, title: None),
         (figures, "svg", lambda picture: "<svg></svg>"),
         (metrics, "tally", tallied),
         (provenance, "now", lambda: "now"),
@@ -133,7 +138,7 @@ class Ended(NamedTuple):
 
 def command() -> None:
     """`ciphernav`, or `python -m experiments` where the command is one of its."""
-    (experiments if sys.argv[1] in ("bench", "sweep", "report") else cli).main()
+    (experiments if sys.argv[1] in ("bench", "report") else cli).main()
 
 
 def run(words: list[str], folder: Path) -> Ended:
@@ -468,7 +473,7 @@ COMMANDS = {
     "evaluate": (of_library.Evaluate, "--model plain --data world/test --out out"),
     "demo": (of_library.Demo, "--out out --train 4 --test 4 --epochs 1 --steps 1"),
     "bench": (options.Bench, "--out out --work product"),
-    "sweep": (options.Sweep, "--out out --parties 2 --variant default"),
+    "sweep": (of_library.Sweep, "--function tests.fuzz:squares --out out --parties 2 --variant default"),
     "report": (options.Report, "--results results --out out"),
 }
 NUMBERS = ("-1", str(10**24), "x", "", "1.5", "nan", "1e3", "0x10", "- 1", "1,000")
@@ -510,7 +515,6 @@ def refused() -> Iterator[tuple[list[str], str]]:
         ("train --method map-only --data world/train --out out --steps 2", "--steps"),
         ("train --method secret --data world/train --out out --encoders plain --epochs 2", "--epochs"),
         ("train --method secret --data world/train --out out --encoders plain", "--encoders"),
-        ("sweep --out out --steps 15", "--steps"),
     ):
         yield words.split(), option
 

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from ciphernav_jax.navigation import metrics
-from experiments import bench, sweep
+from experiments import bench
 from experiments import pages as made
 from experiments.report import results, write
 from tests import pages
@@ -42,10 +42,6 @@ def test_the_benchmarks_are_those_of_the_committed_results():
     assert block("speed.md", "bench.json") == bench.markdown(result("bench.json")).strip()
 
 
-def test_the_variants_are_those_of_the_committed_results():
-    assert block("variants.md", "sweep.json") == sweep.markdown(result("sweep.json")).strip()
-
-
 def test_the_papers_tables_are_those_of_the_committed_results():
     found = results.load(RESULTS)
     for path in WRITTEN:
@@ -55,6 +51,7 @@ def test_the_papers_tables_are_those_of_the_committed_results():
     assert {"short-accuracy", "short-speed", "accuracy-test", "cost", "reconstruction", "queries"} <= set(
         shown
     )
+    assert {"variants", "trained"} <= set(shown)
 
 
 def test_the_readmes_tables_have_their_rows():
@@ -64,15 +61,24 @@ def test_the_readmes_tables_have_their_rows():
 
 
 def test_the_default_never_fails_a_truncation():
-    """Of a million at each number of parties; local truncation's failures show that the count counts."""
-    failed = {}
-    for found in result("sweep.json")["results"]:
-        if found["status"] == "done":
-            of = failed.setdefault(found["protocol"], [])
-            of.append(found["truncations"]["failed"])
-            assert found["truncations"]["of"] >= 10**6
-    assert failed["default"] == [0] * len(failed["default"])
-    assert sum(failed["truncation=local"]) > 0
+    """Of a million; local truncation's failures show that the count counts."""
+    failed = {found["protocol"]: found["failed"] for found in result("paper/variants.json")["trained"]}
+    assert all(found["truncations"] >= 10**6 for found in result("paper/variants.json")["trained"])
+    assert failed["default"] == 0
+    assert failed["truncation=local"] > 0
+
+
+def test_the_variants_are_compared_on_the_step_that_the_paper_s_runs_count():
+    counted = result("paper/secret-5-0.json")["cost"]["training step"]
+    (row,) = (
+        row
+        for row in result("paper/variants.json")["comparison"]["rows"]
+        if (row["protocol"], row["parties"]) == ("default", 5)
+    )
+    for name in ("rounds", "bytes_sent", "bytes_dealt"):
+        assert row[name] == counted[name]
+    said = f"Each of 5 parties: {counted['rounds']} rounds, {counted['bytes_sent'] / 1e6:.3g} MB sent."
+    assert said in (DOCS / "guide" / "costs.md").read_text()
 
 
 def test_the_demo_shows_the_point():

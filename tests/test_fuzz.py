@@ -29,7 +29,7 @@ def test_what_is_harmed_is_named_or_does_no_harm(ground):
     [
         f"generate --out new --count 1 --workers 1024 --seed {2**63 - 1}",
         f"evaluate --model random --data world/test --out new --seed {2**63 - 1}",
-        "sweep --out new --parties 1024 --variant default --steps 1000000000 --time-limit 1e9",
+        "sweep --function tests.fuzz:squares --out new --parties 1024 --variant default --repeat 1000000000",
     ],
 )
 def test_the_ends_of_ranges_are_in_them(ground, tmp_path, words):

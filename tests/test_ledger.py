@@ -15,8 +15,7 @@ from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret.rules import control_flow
 from ciphernav_jax.world.grid import MAX_ACTIONS
-from experiments.trial import Effort, Trial, result_of
-from experiments.work import Sizes
+from experiments.paper import variants
 from tests.ledger import kept
 from tests.navigation.conftest import Killed, killed_after_first, make, silent
 
@@ -55,10 +54,10 @@ def test_a_run_trains_goes_on_after_a_kill_and_drives_both_test_sets(tmp_path, p
 
 
 @never_warned
-def test_a_trial_of_a_sweep():
-    tiny = Effort(Sizes(widths=(4, 3, 2), forward=4, train=6), steps=4, chunk=2, truncations=1 << 10)
+def test_a_variant_is_trained_with(monkeypatch):
+    monkeypatch.setattr(variants, "TRUNCATIONS", (2, 1 << 10))
     with kept() as ledger:
-        result_of(Trial(cn.Protocol(), 2, tiny))
+        variants.trained(cn.Protocol(), FreshClassifier(batch=6), steps=3)
     assert ledger.reused() == []
     assert ledger.purposes == {"share", "step"}
 

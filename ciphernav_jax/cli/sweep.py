@@ -29,7 +29,7 @@ def run(args: Sweep) -> None:
         What the function was refused with, where it was with all variants.
     """
     protocols = [Protocol.parse(text) for text in args.variant]
-    function, given, public = named(args.function) if args.function else training_step(args.seed)
+    function, given, public = named(args.function) if args.function is not None else training_step(args.seed)
     try:
         compared = compare(
             function,

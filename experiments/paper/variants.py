@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 from numpy.typing import NDArray
@@ -145,7 +146,7 @@ def _step(recipe: FreshClassifier) -> Any:
     advance, _ = classifier.training_step(recipe)
 
     def step(state: Any, slots: Any, labels: Any) -> Any:
-        *state, loss = advance((*state, np.float32(0)), slots, labels, np.float32(1))
+        *state, loss = advance((*state, np.float32(0)), slots, labels, jnp.float32(1))
         return tuple(state), loss
 
     return step

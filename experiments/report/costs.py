@@ -90,8 +90,8 @@ def messages(results: Results) -> Table:
         "Messages of a training step, and of one robot's decision",
         ("training", *of_step, *of_decision),
         rows,
-        "*Sent*: by each party. *Dealt*: correlated randomness, to all parties together, before the step. "
-        "Times are projected, without computation.",
+        "A step has momentum, and a rate that falls. *Sent*: by each party. *Dealt*: correlated randomness, "
+        "to all parties together, before the step. Times are projected, without computation.",
         name="messages",
         missing=made_by(results, CHEAP),
     )

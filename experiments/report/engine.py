@@ -83,10 +83,10 @@ def compared(results: Results) -> Comparison | None:
 
 def trained(results: Results) -> Table:
     """Of the same, a training in each, and single truncations."""
-    documents = results.others.get("variants", [])
     rows = [
         (
             of["protocol"] + IDEAL * of["ideal"],
+            str(of["steps"]),
             f"{of['loss']:.4g}",
             f"{of['exact']:.4g}",
             f"{100 * (of['loss'] / of['exact'] - 1):+.2g} %",
@@ -94,13 +94,12 @@ def trained(results: Results) -> Table:
             f"{of['truncations']:,}",
             f"{of['failed']:,}",
         )
-        for document in documents
+        for document in results.others.get("variants", [])
         for of in document["trained"]
     ]
-    steps = documents[0]["trained"][0]["steps"] if rows else 0
     return Table(
-        f"Variants of the protocols: {steps} steps of training, and single truncations",
-        ("variant", "loss", "in float64", "off", "products of", "truncations", "failed"),
+        "Variants of the protocols: a training, and single truncations",
+        ("variant", "steps", "loss", "in float64", "off", "products of", "truncations", "failed"),
         rows,
         "With two parties. Loss: the squared error of the batch at the last step; it is one training, so "
         "small differences say nothing. Failed: of so many single truncations of products of this magnitude.",

@@ -173,6 +173,17 @@ def test_a_function_of_integers_has_no_gradient():
     assert "No gradient: no result is a float." in found.markdown()
 
 
+def test_gradients_may_be_left_out(monkeypatch):
+    monkeypatch.setattr(trials, "_gradient_error", lambda subject, *_: (None, subject.no_gradient))
+    found = cn.compare(shifted, X, W, SHIFT, parties=(2,), protocols=[IDEAL], gradients=False, repeat=1)
+    (row,) = found.rows
+    assert (row.gradient_error, row.no_gradient) == (None, "it was not asked for")
+    assert "No gradient: it was not asked for." in found.markdown()
+    assert [axes.get_title(loc="left") for axes in pictures.figure([row], "f").axes[2:]] == [
+        "Largest error of a value"
+    ]
+
+
 def test_a_function_refused_for_all_raises_with_its_own_line():
     line = inspect.getsourcelines(shifted)[1] + 1
     with pytest.raises(NotImplementedError, match=rf"`exp` .*test_compare.py:{line} \(shifted\)"):
@@ -286,6 +297,7 @@ def test_of_a_refusal_alone_nothing_is_kept(instant, tmp_path):
         ({"function": lambda x: x + x}, "of another function, or of other arguments"),
         ({"x": 4.0}, "of another function, or of other arguments"),
         ({"seed": 1}, "with another seed"),
+        ({"gradients": False}, "with gradients, or without, and this is the other"),
     ],
 )
 def test_another_comparison_is_refused_with_the_way_out(instant, tmp_path, given, what):

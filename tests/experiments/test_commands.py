@@ -17,7 +17,6 @@ def run(monkeypatch, *words):
     ("command", "word"),
     [
         ("bench", "--peers"),
-        ("sweep", "--variant"),
         ("report", "--readme"),
         ("primitives", "docs"),
         ("pages", "docs/api.md"),
@@ -49,8 +48,7 @@ def test_help_imports_no_jax():
         (["bench", "--work"], "--work needs at least one value"),
         (["bench", "--parties"], "--parties needs at least one value"),
         (["bench", "--peers", "--time-limit", "nan"], "--time-limit must lie in"),
-        (["sweep", "--variant"], "--variant needs at least one value"),
-        (["sweep", "--steps", "15"], "--steps must be a multiple of 10"),
+        (["bench", "--variant"], "--variant needs at least one value"),
         (["report", "--results", "nowhere"], "say with --results where"),
         (["paper"], "the names are accuracy"),
         (["paper", "tables"], "no experiment 'tables'"),

@@ -1,6 +1,7 @@
 import base64
 import io
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from PIL import Image
 
 from ciphernav_jax import files
+from ciphernav_jax.comparison import Comparison, Row
 from ciphernav_jax.navigation import paper
 from ciphernav_jax.world.poses import IMAGE_SHAPE
 from experiments.paper.attack import ATTACKERS
@@ -15,6 +17,7 @@ from experiments.report import (
     attacks,
     costs,
     driving,
+    engine,
     figures,
     minutes,
     page,
@@ -148,7 +151,22 @@ def others() -> dict[str, dict]:
         "reconstruction-0": {"results": {"features": attack, "share": attack}},
         "own_runs-0": {"results": own_runs},
         "queries-0": {"results": answers},
+        "variants": variants(),
         "episodes-0": episodes(),
+    }
+
+
+def variants() -> dict:
+    rows = [
+        Row("default", 2, False, seconds=0.25, rounds=35, error=1e-5),
+        Row("multiplication=ideal", 2, True, seconds=0.125, error=1e-5),
+    ]
+    configuration = {"function": "sgd_step", "seed": 0, "reference": "float64"}
+    comparison = Comparison(tuple(rows), configuration, MACHINE["versions"], MACHINE["machine"])
+    trained = {"steps": 100, "loss": 1.5, "exact": 1.25, "value": 3e4, "truncations": 1 << 20, "failed": 1864}
+    return {
+        "comparison": comparison.as_dict(),
+        "trained": [trained | {"protocol": row.protocol, "ideal": row.ideal} for row in rows],
     }
 
 
@@ -288,6 +306,36 @@ def test_how_long_the_scripts_take_comes_from_their_files(folder):
     assert {cells[-1] for cells in table.rows} == {"not measured"}  # no benchmark, which has the memory
 
 
+def test_variants_are_compared_and_trained_with(loaded):
+    table = engine.variants(loaded)
+    assert (row(table, "default")["ms"], row(table, "default")["rounds"]) == ("250", "35")
+    ideal = "multiplication=ideal (ideal: not a protocol)"
+    assert row(table, ideal)["ms"] == "125"
+    assert table.note.startswith(
+        "sgd_step on 2 cores of abacus, jax 1.2.3, seed 0. Milliseconds of a warm call"
+    )
+    assert engine.trained(loaded).rows == [
+        (name, "100", "1.5", "1.25", "+20 %", "30,000", "1,048,576", "1,864") for name in ("default", ideal)
+    ]
+
+
+def test_no_line_is_hidden_by_another():
+    low, high, other = {1: 0.0, 2: 0.01, 3: 0.0}, {2: 0.0, 3: 0.0, 9: 1.0}, {1: 1.0, 2: 1.0, 3: 0.5}
+    lone, inner, outer = 1.3, 3.2, 5.1
+    assert figures.widths([low, other]) == [lone, lone]
+    assert figures.widths([low, high]) == [inner, lone]
+    assert figures.widths([low, other, low, low]) == [outer, lone, inner, lone]
+    assert figures.widths([{1: 0.0}, {2: 0.0}]) == [lone, lone]  # nowhere side by side
+
+
+def test_runs_that_do_the_same_are_all_seen(loaded):
+    same = {name: loaded.runs["secret-2"] for name in figures.LENGTHS}
+    axes = figures.by_length(replace(loaded, runs=same), "success").draw().axes[0]
+    found = [line.get_linewidth() for line in axes.lines]
+    assert found == sorted(set(found), reverse=True)
+    assert len(found) == len(figures.LENGTHS)
+
+
 def test_what_is_missing_is_said_with_the_command_that_makes_it(tmp_path):
     found = results.load(tmp_path)
     for table in tables.every(found):
@@ -307,7 +355,7 @@ def test_what_is_missing_is_said_with_the_command_that_makes_it(tmp_path):
         "episodes",
     ):
         assert f"python -m experiments paper {script}" in text
-    assert "python -m experiments sweep" in text
+    assert "python -m experiments paper variants" in text
     with pytest.raises(FileNotFoundError, match="--results"):
         results.load(tmp_path / "nowhere")
 
@@ -366,13 +414,27 @@ def test_the_page_loads_nothing(folder):
     assert "currentColor" in text
 
 
+def test_the_page_says_a_thing_once_and_folds_nothing(loaded):
+    text = page.page(loaded)
+    driver = re.search(r"From above, as nobody sees it. ([^<]*)</p>", text)[1]
+    assert driver == "2 parties, cameras, seed 0."
+    pictures = re.findall(r'<figure><img alt="([^"]*)" .*?<figcaption>([^<]*)</figcaption>', text, re.DOTALL)
+    assert pictures
+    assert all(alt not in caption for alt, caption in pictures)
+    captions = re.findall(r"<h3>([^<]*)</h3>", text)
+    assert len(captions) == len(set(captions))
+    assert "<figcaption></figcaption>" not in text
+    assert "<details" not in text
+    assert {name for section in page.SECTIONS for name in section.parts} >= {"variants", "sweep", "trained"}
+
+
 def test_the_files_are_whole(folder):
     write.run(folder, folder / "out")
     made = {path.name for path in (folder / "out").iterdir()}
     assert {"report.html", "paper.md", "overall.png", "curves.png", "episodes.png", "episode.gif"} <= made
     assert "noise.png" in made
     assert not any(name.endswith(".part") for name in made)
-    assert "variants.png" not in made  # without a sweep
+    assert "sweep.png" in made
     assert np.asarray(Image.open(folder / "out" / "success-by-length.png")).std() > 10
     assert Image.open(folder / "out" / "episode.gif").n_frames == 4
     markdown = (folder / "out" / "paper.md").read_text()
