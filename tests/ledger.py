@@ -14,6 +14,7 @@ import contextlib
 import functools
 import hashlib
 import importlib
+import inspect
 import math
 from collections import defaultdict
 from collections.abc import Iterator
@@ -101,7 +102,7 @@ def kept() -> Iterator[Ledger]:
 
     def noted_share(key, x, parties, generator="threefry"):
         with hiding("share", "", x):
-            return share_ring.__wrapped__(key, x, parties, generator)
+            return inspect.unwrap(share_ring)(key, x, parties, generator)
 
     def noted_step(step, key, args, *rest, **options):
         with hiding("step", f"{id(step.function)} {step.protocol}", args):

@@ -7,5 +7,5 @@ def test_versions_are_those_of_what_is_installed(monkeypatch):
 
 
 def test_machine_and_time_are_told():
-    assert provenance.machine()["cpus"] >= 1
+    assert provenance.machine()["cpus"] in range(1, 2**20)
     assert provenance.now().endswith("+00:00")

@@ -406,7 +406,7 @@ def test_no_mark_hides_another(parties, count):
     assert len(figure.axes) == 4
     for axes in figure.axes:
         marks = [line for line in axes.lines if line.get_marker() != "None"]
-        places = {tuple(float(v[0]) for v in line.get_data()) for line in marks}
+        places = {tuple(float(np.asarray(v)[0]) for v in line.get_data()) for line in marks}
         assert len(places) == len(marks) == len(rows)
 
 

@@ -163,5 +163,6 @@ def test_the_committed_results_are_of_the_rows_as_they_are():
 
 def test_the_papers_recipe_keeps_its_rate_and_standardises_nothing():
     recipe = paper_recipe.ROWS[0].recipe
+    assert isinstance(recipe, FreshClassifier)
     assert (recipe.momentum, recipe.schedule, recipe.standardised) == (0, "constant", False)
     assert recipe.scale * recipe.batch * 5 == pytest.approx(0.01, rel=0.1)

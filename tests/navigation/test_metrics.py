@@ -49,7 +49,7 @@ def test_one_seed_of_a_row_stands_beside_the_paper_too():
 
 
 def test_the_terminal_shows_the_same_cells():
-    console = Console(file=io.StringIO(), width=200)
-    console.print(metrics.table({"secret-2": COUNTS}, "heading"))
-    shown = console.file.getvalue()
+    terminal = io.StringIO()
+    Console(file=terminal, width=200).print(metrics.table({"secret-2": COUNTS}, "heading"))
+    shown = terminal.getvalue()
     assert all(cell in shown for cell in metrics.rows({"secret-2": COUNTS})[0])

@@ -74,10 +74,14 @@ def test_secret_training_and_driving_follow_plaintext(world, teacher, tmp_path):
         jax.tree.leaves(plain.weights), jax.tree.leaves(cn.reveal(secret.weights)), strict=True
     ):
         np.testing.assert_allclose(shared, weights, atol=1e-3)
-    losses = [[point["loss"] for point in folders.curve(tmp_path / name)] for name in ("plain", "secret")]
-    np.testing.assert_allclose(*losses, rtol=1e-2)
-    right = [[point["accuracy"] for point in folders.curve(tmp_path / name)] for name in ("plain", "secret")]
-    np.testing.assert_allclose(*right, atol=100 / FRESH.batch)  # at most one answer differs
+    first, second = (
+        [point["loss"] for point in folders.curve(tmp_path / name)] for name in ("plain", "secret")
+    )
+    np.testing.assert_allclose(first, second, rtol=1e-2)
+    first, second = (
+        [point["accuracy"] for point in folders.curve(tmp_path / name)] for name in ("plain", "secret")
+    )
+    np.testing.assert_allclose(first, second, atol=100 / FRESH.batch)  # at most one answer differs
 
     few = dataclasses.replace(
         world, **{name: getattr(world, name)[:16] for name in ("cameras", "agent", "layout", "goal")}
@@ -145,7 +149,7 @@ def test_what_a_finished_training_lacks_is_named_and_never_replaced(finished, tm
     shutil.copytree(finished, folder)
     harm(folder / name)
     with pytest.raises(DamagedError, match=rf"{name}|not finished") as raised:
-        folders.load(folder), folders.curve(folder)
+        _ = folders.load(folder), folders.curve(folder)
     assert str(folder) in str(raised.value)
 
 

@@ -42,7 +42,7 @@ def test_a_network_has_the_levels_and_conjunctions_of_the_table(adder, levels, c
     network = adders.network(adder, 64)
     assert len(network) == levels
     assert sum(len(level.targets) * (1 + level.propagate) for level in network) == conjunctions
-    assert f"| `{adder}` | {levels} | {conjunctions} |" in adders.__doc__
+    assert f"| `{adder}` | {levels} | {conjunctions} |" in str(adders.__doc__)
 
 
 @functools.cache

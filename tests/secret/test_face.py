@@ -3,6 +3,7 @@
 import ast
 import inspect
 import warnings
+from operator import attrgetter
 from pathlib import Path
 
 import jax
@@ -73,7 +74,7 @@ def test_it_decorates():
     def g(x):
         return x
 
-    assert (f.__name__, f.__doc__, f.__module__) == ("f", "Twice.", __name__)
+    assert attrgetter("__name__", "__doc__", "__module__")(f) == ("f", "Twice.", __name__)
     assert f.protocol.truncation == "nearest"
     assert repr(f) == "secure(f, truncation=nearest)"
     assert repr(g) == "secure(g)"
@@ -81,7 +82,7 @@ def test_it_decorates():
 
 def test_names_and_signature_are_the_functions():
     step = cn.secure(scaled)
-    assert step.__name__ == "scaled"
+    assert attrgetter("__name__")(step) == "scaled"
     assert inspect.getdoc(step) == "Scales."
 
 
@@ -226,7 +227,11 @@ def test_the_public_names_are_those_that_an_editor_sees():
     assert sorted(cn.__all__) == sorted([*cn._HOME, *cn._PACKAGES])
     assert all(getattr(cn, name) is not None for name in cn.__all__)
     tree = ast.parse(Path(cn.__file__).read_text())
-    (block,) = [node for node in tree.body if ast.unparse(node).startswith("if TYPE_CHECKING")]
+    (block,) = [
+        node
+        for node in tree.body
+        if isinstance(node, ast.If) and ast.unparse(node).startswith("if TYPE_CHECKING")
+    ]
     seen = {name.name for node in block.body if isinstance(node, ast.ImportFrom) for name in node.names}
     assert seen == set(cn.__all__)
 

@@ -1,7 +1,9 @@
 """A key hides one thing: reuse under vmap and in loops raises, reuse by a later call warns."""
 
 import warnings
+from collections.abc import Callable, Iterator
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -80,7 +82,7 @@ def test_a_vmap_over_what_the_function_closes_over_is_refused():
 # --- loops
 
 
-def looped(body):
+def looped(body) -> Iterator[Callable[[], Any]]:
     """The body in each kind of loop, over the rows of X."""
     yield lambda: lax.scan(lambda c, x: (c, body(x)), 0, X)
     yield lambda: lax.map(body, X)

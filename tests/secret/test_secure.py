@@ -305,8 +305,8 @@ def test_secret_training_tracks_float32_training(momentum):
     @partial(jax.jit, static_argnames="dtype")
     def plainly(noise, parameters, velocity, x, y, dtype):
         def body(carry, step):
-            noise, *batch = step
-            parameters, velocity, value = training(*carry, *batch, momentum)
+            noise, x, y = step
+            parameters, velocity, value = training(carry[0], carry[1], x, y, momentum)
             parameters, velocity = (jax.tree.map(jnp.add, part, noise) for part in (parameters, velocity))
             return (parameters, velocity), value
 

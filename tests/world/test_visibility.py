@@ -44,7 +44,7 @@ def test_no_obstacle_is_missed():
         with_obstacles = renderer().render(world.layout, world.obstacles, poses)
         without = renderer().render(world.layout, (), poses)
         differs = (with_obstacles != without).any((1, 2, 3))
-        visible = visibility.visible(world.layout, world.obstacles).any(1)[poses]
+        visible = visibility.visible(world.layout, world.obstacles)[poses].any(axis=1)
         assert not (differs & ~visible).any(), index
         changed += differs.sum()
         declared += visible.sum()

@@ -9,7 +9,6 @@ To try another commit, copy this folder into its `tests/secret`.
 """
 
 import argparse
-import itertools
 import json
 import multiprocessing
 import os
@@ -31,13 +30,13 @@ CACHED = {
 
 
 def tasks(options: argparse.Namespace) -> Iterator[Task]:
-    for (name, protocol), parties in itertools.product(variants().items(), options.parties):
-        if options.only and name not in options.only:
-            continue
-        if protocol.truncation != "local" or parties == 2:
-            numbers = options.numbers or list(range(options.count))
-            for i in range(0, len(numbers), PART):
-                yield name, parties, options.seed, numbers[i : i + PART], options.widest
+    chosen = {name: of for name, of in variants().items() if not options.only or name in options.only}
+    numbers = options.numbers or list(range(options.count))
+    for name, protocol in chosen.items():
+        for parties in options.parties:
+            if protocol.truncation != "local" or parties == 2:
+                for i in range(0, len(numbers), PART):
+                    yield name, parties, options.seed, numbers[i : i + PART], options.widest
 
 
 def main() -> int:

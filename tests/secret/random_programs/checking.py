@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 from jax.extend.core import jaxpr_as_fun
 
 import ciphernav_jax as cn
@@ -97,7 +98,7 @@ def drawn(key, shapes, generator="threefry"):
     sizes = [math.prod(shape) for shape in shapes]
     with jax.disable_jit(False):
         (words,) = _DRAW(key, ((1 << max(12, sum(sizes).bit_length()),),), generator)
-    words = words if isinstance(words, jax.core.Tracer) else np.asarray(words)
+    words = words if isinstance(words, Tracer) else np.asarray(words)
     ends = itertools.accumulate(sizes)
     return [
         jnp.asarray(words[end - size : end].reshape(shape))
@@ -112,7 +113,7 @@ def _cut(x, starts, sizes):
 
 def cut(x, starts, ends):
     """As `lax.slice`, without being compiled for each length: the dealer's streams are cut often."""
-    if not isinstance(x, jax.core.Tracer):
+    if not isinstance(x, Tracer):
         return jnp.asarray(np.asarray(x)[tuple(map(slice, starts, ends))])
     with jax.disable_jit(False):
         return _cut(x, starts, tuple(end - start for start, end in zip(starts, ends, strict=True)))

@@ -21,7 +21,7 @@ class Draw:
         self.rng = np.random.default_rng(seed)
         self.reference = reference
         self.widest = widest
-        self.float = np.dtype(self.rng.choice([np.float64, np.float64, np.float64, np.float32]))
+        self.float = np.dtype(str(self.rng.choice(["float64", "float64", "float64", "float32"])))
 
     def coin(self, probability: float) -> bool:
         return bool(self.rng.random() < probability)
