@@ -140,6 +140,7 @@ def test_the_layouts_are_those_of_the_world():
 CODED = [path for path in (README, *PAGES) if "```python\n" in path.read_text()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", CODED, ids=lambda path: str(path.relative_to(ROOT)))
 def test_the_code_prints_what_is_shown(page, tmp_path):
     text, names = page.read_text(), {}

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
 

@@ -10,6 +10,8 @@ from ciphernav_jax import files
 from ciphernav_jax.navigation import folders
 from tests import fuzz
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def ground(tmp_path_factory):

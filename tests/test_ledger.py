@@ -19,6 +19,8 @@ from experiments.paper import variants
 from tests.ledger import kept
 from tests.navigation.conftest import Killed, killed_after_first, make, silent
 
+pytestmark = pytest.mark.slow
+
 KEY = keys.root(5)
 X = np.arange(1.0, 7.0).reshape(3, 2)
 FRESH = FreshClassifier(steps=2, batch=4, chunk=1)

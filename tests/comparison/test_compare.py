@@ -20,6 +20,8 @@ from ciphernav_jax import extras, files
 from ciphernav_jax.comparison import Comparison, Row, pictures, running, timing, trials
 from ciphernav_jax.ring import keys
 
+pytestmark = pytest.mark.slow
+
 DEFAULT = cn.Protocol()
 LOCAL = cn.Protocol(truncation="local")
 NEAREST = cn.Protocol(truncation="nearest")

@@ -20,6 +20,8 @@ from experiments.peers import harness
 from experiments.work import RATE, Sizes, error, works
 from tests.patience import wait_for
 
+pytestmark = pytest.mark.slow
+
 TINY = Sizes(widths=(6, 4, 3), forward=2, train=5, steps=2, relu=9, product=(3, 4, 5))
 # Of a value: rounding each input, and one truncation for each product.
 UNIT = 2.0**-20

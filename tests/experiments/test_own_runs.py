@@ -20,6 +20,8 @@ from ciphernav_jax.world.grid import CELLS
 from experiments.paper import attack, exact, own_runs, reconstruction
 from experiments.paper.exact import Sight
 
+pytestmark = pytest.mark.slow
+
 SEED, COUNT = 0, 5
 RECIPE = FreshClassifier(steps=1, batch=4)
 

@@ -16,6 +16,8 @@ from ciphernav_jax.world.grid import CELLS, DOWN, LEFT, RIGHT, STOP, WALLS
 from experiments.paper import attack, queries, reconstruction
 from experiments.paper.reconstruction import Look, Rows
 
+pytestmark = pytest.mark.slow
+
 RING = 11  # the layout without inner cells
 WIDTHS = [MAP_FEATURES if slot == "map" else VIEW_FEATURES for slot in SLOTS]
 

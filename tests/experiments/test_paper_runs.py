@@ -31,6 +31,7 @@ def small(monkeypatch, tmp_path):
     return Options(seeds=[0], out=tmp_path / "out", results=tmp_path / "results")
 
 
+@pytest.mark.slow
 def test_a_secret_row_is_written_whole_and_only_once(small, monkeypatch):
     document = runs.run_row(SECRET, 0, {"plaintext": TEACHER}, small)
     path = small.results / "secret-3-0.json"

@@ -28,6 +28,8 @@ from experiments.report import (
 )
 from experiments.report.table import duration
 
+pytestmark = pytest.mark.slow
+
 MACHINE = {"machine": {"processor": "abacus", "cpus": 2}, "versions": {"jax": "1.2.3"}}
 
 

@@ -13,6 +13,8 @@ from ciphernav_jax.navigation.sight import Looking
 from ciphernav_jax.world.grid import WALLS
 from tests.navigation.conftest import Killed, assert_same, killed_after_first, line, perfect_eyes, silent
 
+pytestmark = pytest.mark.slow
+
 RECIPE = Looking(steps=120, batch=200, chunk=60)
 
 

@@ -19,6 +19,8 @@ from ciphernav_jax.navigation.policies import plain_policy, secret_policy
 from ciphernav_jax.world.poses import LANES
 from tests.navigation.conftest import Killed, assert_same, killed_after_first, silent
 
+pytestmark = pytest.mark.slow
+
 PLAIN = EndToEnd(epochs=3, batch=30)
 FRESH = FreshClassifier(steps=6, batch=32, chunk=2)
 

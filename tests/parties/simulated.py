@@ -15,8 +15,12 @@ from ciphernav_jax.parties import sharing
 from ciphernav_jax.parties.recording import run_recorded
 from ciphernav_jax.parties.run import run
 
+from ..slow import slow
+
 MODULUS = 2**64
 PARTIES = [2, 3, 5]
+BY_PARTIES = [3, *slow(2, 5)]
+"""The same as a parameter of tests."""
 EDGES = [0, 1, -1, 2, -2, 2**31, -(2**32), 2**62 - 1, -(2**62)]
 WHOLE_RING = [*EDGES, 2**62, 2**63 - 1, -(2**63) + 1, -(2**62) - 1]
 

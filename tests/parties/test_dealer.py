@@ -20,7 +20,8 @@ from ciphernav_jax.parties.requests import (
 from ciphernav_jax.parties.run import plan, run
 from ciphernav_jax.ring import bits, keys
 
-from .simulated import PARTIES, joint_uniformity
+from ..slow import slow
+from .simulated import BY_PARTIES, PARTIES, joint_uniformity
 
 ROWS_BY_COLUMNS = (((1,), (0,)), ((), ()))
 REQUESTS = (
@@ -75,7 +76,7 @@ def test_the_plan_is_what_the_program_takes_in_its_order():
         assert shapes == needed().shapes
 
 
-@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_each_party_is_handed_its_own_part_of_what_was_dealt(parties):
     handed, _ = jax.jit(lambda key: run(ask, key, parties, None, None))(jax.random.key(11))
     for given, expected in zip(handed, dealt(parties), strict=True):
@@ -84,7 +85,7 @@ def test_each_party_is_handed_its_own_part_of_what_was_dealt(parties):
             np.testing.assert_array_equal(shares, expected[name])
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8)])
 def test_parts_of_a_mask_belong_to_the_same_mask(parties):
     for request, values in zip(REQUESTS, joined(parties), strict=True):
         if not isinstance(request, Mask):
@@ -106,7 +107,7 @@ def test_parts_of_a_mask_belong_to_the_same_mask(parties):
             np.testing.assert_array_equal(bits.unpack(values["pairs"], request.shape), np.stack(pairs))
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8)])
 def test_shares_of_nothing_are_random_and_give_nothing(parties):
     for request, values, shares in zip(REQUESTS, joined(parties), dealt(parties), strict=True):
         if isinstance(request, Zero):
@@ -115,7 +116,7 @@ def test_shares_of_nothing_are_random_and_give_nothing(parties):
                 assert len(np.unique(mine)) == mine.size
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8)])
 def test_wraps_are_those_of_the_parties_own_numbers(parties):
     request = WrapCount((300,))
     asked = plan(lambda dealer, *_: (dict(dealer.take(request)), None), parties, None, None)
@@ -129,7 +130,7 @@ def test_wraps_are_those_of_the_parties_own_numbers(parties):
     assert len(np.unique(wraps)) >= min(parties, 3)
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8)])
 def test_products_are_those_of_the_values_they_name(parties):
     values = joined(parties)
     a, b = values[0]["mask"], values[1]["mask"]
@@ -138,7 +139,7 @@ def test_products_are_those_of_the_values_they_name(parties):
     np.testing.assert_array_equal(values[6]["product"], a @ b)
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8)])
 def test_bits_shared_both_ways_are_the_same_bits(parties):
     for request, values in zip(REQUESTS, joined(parties), strict=True):
         if isinstance(request, SharedBits):
@@ -148,7 +149,7 @@ def test_bits_shared_both_ways_are_the_same_bits(parties):
             assert set(np.unique(values["bits"])) == {0, 1}
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8)])
 def test_a_triple_of_words_is_a_conjunction(parties):
     triple = joined(parties)[REQUESTS.index(AndTriple((4, 2), 3))]
     assert triple["right"].shape == (3, 4, 2)
@@ -188,7 +189,7 @@ def test_what_is_uniform_is_sent_to_nobody_and_all_else_to_one():
     assert dependent == {"high", "top", "bits", "pairs", "product", "zero"}
 
 
-@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_all_but_one_party_see_uniform_words_for_every_kind_of_request(parties):
     size = 64 * 64
     requests = (

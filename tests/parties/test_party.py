@@ -13,7 +13,8 @@ from ciphernav_jax.parties.messages import openings
 from ciphernav_jax.parties.run import one_partys_jaxpr, online, plan
 from ciphernav_jax.protocols import compare, convert, masked, multiply, relu, truncate
 
-from .simulated import joint_uniformity, on_shares, views
+from ..slow import slow
+from .simulated import BY_PARTIES, joint_uniformity, on_shares, views
 
 COUNT = 64 * 128
 
@@ -152,7 +153,7 @@ def view(program, inputs, parties, secret):
     return rows + [np.asarray(message.opened) for message in joined]
 
 
-@pytest.mark.parametrize("secret", [0, -3 * 2**20 - 1])
+@pytest.mark.parametrize("secret", [*slow(0), -3 * 2**20 - 1])
 @pytest.mark.parametrize(
     ("name", "parties"),
     [*((n, 2) for n in PROGRAMS if n != "local truncation"), ("relu", 5), ("truncation by wrap count", 3)],
@@ -179,7 +180,7 @@ class Faulty(tuple):
     """The shape of uniform words that are dealt badly."""
 
 
-@pytest.mark.parametrize("fault", [zeros, repeated])
+@pytest.mark.parametrize("fault", [*slow(zeros), repeated])
 @pytest.mark.parametrize(
     ("name", "request_type"),
     [
@@ -211,7 +212,7 @@ def test_a_mask_that_is_zero_or_used_again_is_noticed(monkeypatch, name, request
     assert joint_uniformity(view(program, inputs, 2, 5)) < 1e-30
 
 
-@pytest.mark.parametrize("parties", [2, 3, 5])
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_the_shares_that_a_protocol_leaves_are_fresh(parties):
     """All but one party's output shares are uniform, so that opening a result shows the result alone."""
     x = np.full(COUNT, 3 * 2**20, np.uint64)
@@ -221,7 +222,7 @@ def test_the_shares_that_a_protocol_leaves_are_fresh(parties):
         assert joint_uniformity(list(np.delete(shares, left_out, axis=0))) > 1e-7
 
 
-@pytest.mark.parametrize("parties", [2, 3, 5])
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_openings_give_every_party_the_joined_value(parties):
     def program(private, public):
         return (party.open_sum(private), party.open_xor(private), party.from_party_zero(public)), None

@@ -13,6 +13,8 @@ from ciphernav_jax.parties.requests import Bilinear, Mask, SharedBits, WrapCount
 from ciphernav_jax.parties.run import run
 from ciphernav_jax.ring import bits
 
+from ..slow import slow
+
 pytestmark = pytest.mark.newest_jax
 
 TIMES = 4
@@ -59,7 +61,7 @@ PROGRAMS = {
 }
 
 
-@pytest.mark.parametrize("parties", [2, 3])
+@pytest.mark.parametrize("parties", [2, *slow(3)])
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_each_time_has_consistent_randomness_of_its_own(name, parties):
     program = jax.jit(

@@ -9,7 +9,8 @@ import pytest
 from ciphernav_jax import ring
 from ciphernav_jax.parties import sharing
 
-from .simulated import EDGES, PARTIES, elements, joint_uniformity, words
+from ..slow import slow
+from .simulated import BY_PARTIES, EDGES, elements, joint_uniformity, words
 
 share = jax.jit(sharing.share_ring, static_argnums=2)
 
@@ -19,7 +20,7 @@ def split(splitter, key, x, parties, place=0):
     return jnp.stack(splitter(x, ring.draw(key, [x.shape] * (parties - 1)), place))
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 16])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(16)])
 def test_additive_shares_add_up_to_the_value(parties):
     x = elements([*EDGES, 2**63, 2**64 - 1])
     shares = np.asarray(share(jax.random.key(1), x, parties))
@@ -28,7 +29,7 @@ def test_additive_shares_add_up_to_the_value(parties):
     np.testing.assert_array_equal(sharing.join_sum(shares), x)
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 16])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(16)])
 def test_binary_shares_join_by_exclusive_or(parties):
     x = words(2, 3, 4)
     shares = np.asarray(split(sharing.split_xor, jax.random.key(2), x, parties))
@@ -53,7 +54,7 @@ def company_sees(shares):
 
 @pytest.mark.parametrize("secret", [0, 2**63 + 5])
 @pytest.mark.parametrize("splitter", [sharing.split_sum, sharing.split_xor])
-@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_all_shares_but_one_are_uniform_whatever_the_secret(parties, splitter, secret):
     shares = split(splitter, jax.random.key(3), jnp.full(8192, secret, jnp.uint64), parties)
     assert company_sees(shares) > 1e-6

@@ -9,6 +9,7 @@ from ciphernav_jax.parties.party import from_party_zero
 from ciphernav_jax.protocols import adders
 
 from ..parties.simulated import elements, on_shares, words
+from ..slow import slow
 
 ADDERS = ["carry-tree", "kogge-stone", "brent-kung", "ripple"]
 WIDTHS = [1, 2, 3, 5, 20, 31, 32, 63, 64]
@@ -60,7 +61,7 @@ def additions(layout, adder, width):
     return program
 
 
-@pytest.mark.parametrize("width", [1, 5, 20, 64])
+@pytest.mark.parametrize("width", [1, 5, *slow(20, 64)])
 @pytest.mark.parametrize("adder", ADDERS)
 @pytest.mark.parametrize("layout", ["sliced", "words"])
 def test_carries_are_those_of_the_addition(layout, adder, width):

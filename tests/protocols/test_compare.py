@@ -10,7 +10,8 @@ from ciphernav_jax.parties.party import open_sum
 from ciphernav_jax.parties.requests import Mask
 from ciphernav_jax.protocols import compare
 
-from ..parties.simulated import PARTIES, WHOLE_RING, elements, on_secrets, on_shares, signed, words
+from ..parties.simulated import BY_PARTIES, WHOLE_RING, elements, on_secrets, on_shares, signed, words
+from ..slow import slow
 
 ADDERS = ["carry-tree", "kogge-stone", "brent-kung", "ripple"]
 # Variant, layout, adder.
@@ -52,7 +53,7 @@ def variants_and_parties():
     yield "resharing", "sliced", "brent-kung", 3
 
 
-@pytest.mark.parametrize(("variant", "layout", "adder", "parties"), list(variants_and_parties()))
+@pytest.mark.parametrize(("variant", "layout", "adder", "parties"), slow(*variants_and_parties()))
 def test_the_bit_is_one_exactly_where_the_value_is_positive(variant, layout, adder, parties):
     x = np.tile(around_powers_of_two(), 3)  # each under three masks
     got = on_secrets(sign(variant, layout, adder), parties)(1, x)
@@ -67,7 +68,10 @@ REDUCED += [(12, "masked", "words", "ripple"), (12, "resharing", "sliced", "ripp
 REDUCED = [(*reduced, 2 + n % 2) for n, reduced in enumerate(REDUCED)]
 
 
-@pytest.mark.parametrize(("sign_bit", "variant", "layout", "adder", "parties"), REDUCED)
+@pytest.mark.parametrize(
+    ("sign_bit", "variant", "layout", "adder", "parties"),
+    [*REDUCED[:3], *slow(*REDUCED[3:])],
+)
 def test_a_reduced_range_gives_the_sign_of_what_lies_in_it_and_not_of_what_lies_beyond(
     sign_bit, variant, layout, adder, parties
 ):
@@ -79,7 +83,7 @@ def test_a_reduced_range_gives_the_sign_of_what_lies_in_it_and_not_of_what_lies_
     np.testing.assert_array_equal(program(2, elements(beyond)), beyond <= 0)
 
 
-@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_the_bit_is_right_under_many_masks(parties):
     values = elements([0, 1, -1, 2**62, -(2**62), 2**63 - 1])
     x = np.repeat(values[:, None], 4096, axis=1)
@@ -107,7 +111,7 @@ def borrows(width, adder, pairs):
     return program
 
 
-@pytest.mark.parametrize("width", [2, 3, 20, 63])
+@pytest.mark.parametrize("width", [2, 3, *slow(20, 63)])
 @pytest.mark.parametrize(
     ("adder", "pairs"), [("carry-tree", True), ("carry-tree", False), ("brent-kung", False)]
 )

@@ -7,7 +7,8 @@ from ciphernav_jax.parties.requests import SharedBits
 from ciphernav_jax.protocols import convert
 from ciphernav_jax.ring import bits
 
-from ..parties.simulated import PARTIES, WHOLE_RING, elements, on_secrets, on_shares, words
+from ..parties.simulated import BY_PARTIES, PARTIES, WHOLE_RING, elements, on_secrets, on_shares, words
+from ..slow import slow
 
 SHAPE = (9, 22)
 
@@ -16,7 +17,7 @@ def values():
     return np.concatenate([elements(WHOLE_RING), words(1, 198 - len(WHOLE_RING))]).reshape(SHAPE)
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8)])
 def test_to_bits_shares_each_bit_of_the_value(parties):
     x = values()
     shares = on_shares(convert.to_bits, parties)(1, x)
@@ -28,7 +29,7 @@ def there_and_back(dealer, x):
     return convert.to_ring(dealer, convert.to_bits(dealer, x), x.shape)
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8)])
 def test_a_value_comes_back_from_its_bits(parties):
     x = values()
     np.testing.assert_array_equal(on_secrets(there_and_back, parties)(2, x), x)

@@ -31,6 +31,8 @@ from ciphernav_jax.secret import bounds, view
 from ciphernav_jax.secret.rules import RULES
 from ciphernav_jax.secret.value import Value
 
+from ..slow import slow
+
 WORD = 64
 SPARE = 64  # more runs than bits: independent bits then fail to have full rank with probability 2^-64
 
@@ -219,7 +221,7 @@ CASES = {
 
 
 @pytest.mark.parametrize(
-    ("name", "parties"), [(name, p) for name, case in CASES.items() for p in case.parties]
+    ("name", "parties"), slow(*((name, p) for name, case in CASES.items() for p in case.parties))
 )
 def test_all_bits_that_a_coalition_sees_are_independent(name, parties):
     assert relations(CASES[name], parties) == [set(), set()]

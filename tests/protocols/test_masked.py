@@ -3,14 +3,15 @@ import pytest
 
 from ciphernav_jax.protocols import masked
 
-from ..parties.simulated import EDGES, PARTIES, elements, on_secrets, uniformity, views, words
+from ..parties.simulated import BY_PARTIES, EDGES, elements, on_secrets, uniformity, views, words
+from ..slow import slow
 
 
 def opened(dealer, x):
     return masked.open_masked(dealer, x).share()
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 16])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(16)])
 def test_a_value_open_under_a_mask_is_still_that_value(parties):
     x = np.concatenate([elements(EDGES), words(1, 91)])
     np.testing.assert_array_equal(on_secrets(opened, parties)(1, x), x)

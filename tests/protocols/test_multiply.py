@@ -7,7 +7,8 @@ from ciphernav_jax.parties.requests import SharedBits
 from ciphernav_jax.protocols import convert, multiply, truncate
 from ciphernav_jax.protocols.masked import open_masked
 
-from ..parties.simulated import MODULUS, PARTIES, WHOLE_RING, elements, on_secrets, on_shares, words
+from ..parties.simulated import BY_PARTIES, MODULUS, WHOLE_RING, elements, on_secrets, on_shares, words
+from ..slow import slow
 
 
 def python_product(x, y):
@@ -18,14 +19,14 @@ def product(dealer, x, y):
     return multiply.bilinear(dealer, open_masked(dealer, x), open_masked(dealer, y), ring.TIMES)
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8, 16])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8, 16)])
 def test_products_are_exact_for_every_pair_of_edge_values(parties):
     edges = elements(WHOLE_RING)
     x, y = edges[:, None], edges[None, :]
     np.testing.assert_array_equal(on_secrets(product, parties)(1, x, y), python_product(x, y))
 
 
-@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_random_products_are_exact(parties):
     x, y = words(1, 13, 13), words(2, 13, 13)
     np.testing.assert_array_equal(on_secrets(product, parties)(2, x, y), python_product(x, y))
@@ -43,7 +44,7 @@ def square(dealer, x):
     return multiply.square(dealer, open_masked(dealer, x))
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8)])
 def test_squares_are_exact(parties):
     x = np.concatenate([elements(WHOLE_RING), words(5, 87)])
     np.testing.assert_array_equal(on_secrets(square, parties)(4, x), python_product(x, x))
@@ -56,7 +57,7 @@ def products_of_one_opening(dealer, x, y, z):
     ]
 
 
-@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_values_opened_once_enter_several_products(parties):
     x, y, z = (words(seed, 40) for seed in (6, 7, 8))
     got = on_secrets(products_of_one_opening, parties)(5, x, y, z)
@@ -74,7 +75,7 @@ def products_of_several_terms(dealer, x, y):
     return [form.share() for form in (p, q, bit)], products
 
 
-@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_products_of_values_with_several_terms_are_exact(parties):
     rng = np.random.default_rng(9)
     x, y = (elements(rng.integers(-(2**62), 2**62, 64)) for _ in range(2))
@@ -98,13 +99,13 @@ BATCHED = dot((((2,), (1,)), ((0,), (0,))))
 CROSSED = dot((((0, 2), (2, 0)), ((1,), (1,))))
 
 
-@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_matrix_products_are_exact_beyond_one_contraction_of_the_ring(parties):
     x, y = words(10, 3, 1400), words(11, 1400, 2)
     np.testing.assert_array_equal(on_secrets(MATRICES, parties)(7, x, y), x @ y)
 
 
-@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_tensor_products_take_any_dimension_numbers(parties):
     x, y = words(12, 4, 2, 3), words(13, 4, 3, 5)
     np.testing.assert_array_equal(on_secrets(BATCHED, parties)(8, x, y), x @ y)
@@ -122,7 +123,7 @@ def conjunctions(dealer):
     return left, right, multiply.conjunction(dealer, left, right)
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8)])
 def test_conjunction_of_one_word_with_several(parties):
     left, right, both = map(sharing.join_xor, on_shares(conjunctions, parties)(9))
     np.testing.assert_array_equal(both, np.asarray(left)[None] & np.asarray(right))

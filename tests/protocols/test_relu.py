@@ -6,7 +6,8 @@ from scipy import stats
 
 from ciphernav_jax.protocols import relu
 
-from ..parties.simulated import PARTIES, WHOLE_RING, elements, on_secrets, signed, words
+from ..parties.simulated import BY_PARTIES, WHOLE_RING, elements, on_secrets, signed, words
+from ..slow import slow
 
 
 @functools.cache
@@ -18,7 +19,7 @@ def program(shift):
     return both
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 16])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(16)])
 def test_relu_without_a_shift_is_exact_over_the_ring(parties):
     x = np.concatenate([elements(WHOLE_RING), words(2, 300)])
     x = x[x != 2**63]
@@ -27,7 +28,9 @@ def test_relu_without_a_shift_is_exact_over_the_ring(parties):
     np.testing.assert_array_equal(positive, signed(x) > 0)
 
 
-@pytest.mark.parametrize(("parties", "shift"), [(2, 1), (2, 20), (3, 20), (5, 20), (2, 40), (8, 16), (2, 62)])
+@pytest.mark.parametrize(
+    ("parties", "shift"), [(3, 20), *slow((2, 1), (2, 20), (5, 20), (2, 40), (8, 16), (2, 62))]
+)
 def test_fused_truncation_errs_below_one_unit_and_the_bit_not_at_all(parties, shift):
     # Twice the range of a truncation: all of the ring but -2^63.
     powers = elements([sign * 2**k + d for k in range(63) for sign in (1, -1) for d in (-1, 0, 1)])
@@ -48,6 +51,7 @@ def test_output_and_derivative_are_zero_at_zero_under_every_mask():
     assert not np.any(positive)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("low", [1, 2**18, 2**19, 2**20 - 1])
 def test_fused_truncation_is_unbiased(low):
     count = 20_000

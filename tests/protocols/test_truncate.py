@@ -10,7 +10,8 @@ from scipy import stats
 from ciphernav_jax.protocols import Protocol, ideal, suite, truncate
 from experiments.failures import failures
 
-from ..parties.simulated import EDGES, PARTIES, elements, on_secrets, signed, words
+from ..parties.simulated import BY_PARTIES, EDGES, elements, on_secrets, signed, words
+from ..slow import slow
 
 SHIFTS = [*range(1, 41), 61, 62]
 FEW = [1, 20, 40, 62]
@@ -23,7 +24,7 @@ def wrapped(dealer, x):
     return jnp.stack([truncate.wrapped(dealer, x, bits, signed=signed) for bits, signed in WIDTHS])
 
 
-@pytest.mark.parametrize("parties", [2, 3])
+@pytest.mark.parametrize("parties", [2, *slow(3)])
 def test_the_last_bits_are_exact_over_the_whole_ring(parties):
     x = words(3, 40)
     for (bits, has_sign), got in zip(WIDTHS, on_secrets(wrapped, parties)(1, x), strict=True):
@@ -66,7 +67,7 @@ def fair(ups, count, fraction):
     return stats.binomtest(int(ups), count, fraction).pvalue > 1e-5
 
 
-@pytest.mark.parametrize(("parties", "shifts"), [(2, FEW), (3, SHIFTS), (5, FEW), (8, FEW)])
+@pytest.mark.parametrize(("parties", "shifts"), [(2, FEW), *slow((3, SHIFTS), (5, FEW), (8, FEW))])
 def test_error_is_below_one_unit_at_every_edge_and_shift(parties, shifts):
     powers = [sign * 2**k + d for k in range(62) for sign in (1, -1) for d in (-1, 0, 1)]
     values = [v for v in [*EDGES, *powers] if -(2**62) <= v < 2**62]
@@ -79,7 +80,7 @@ def test_error_is_below_one_unit_at_every_edge_and_shift(parties, shifts):
         assert not up[signed(x) % 2**shift == 0].any()
 
 
-@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("parties", BY_PARTIES)
 @pytest.mark.parametrize("base", [0, -(2**62), 2**62 - 2**20, -(5 * 2**20)])
 def test_truncation_rounds_up_with_the_probability_that_makes_it_unbiased(parties, base):
     shift, count = 20, 1 << 14
@@ -92,7 +93,7 @@ def test_truncation_rounds_up_with_the_probability_that_makes_it_unbiased(partie
         assert fair(up.sum(), count, low / 2**shift)
 
 
-@pytest.mark.parametrize("parties", PARTIES)
+@pytest.mark.parametrize("parties", BY_PARTIES)
 def test_the_mean_of_all_fractions_of_a_small_shift_is_exact(parties):
     count = 1 << 13
     x = np.repeat(elements(range(-16, 16))[:, None], count, axis=1)
@@ -114,7 +115,7 @@ def test_a_truncation_that_rounds_down_or_to_nearest_would_be_noticed():
     assert not fair(round(0.24 * (1 << 17)), 1 << 17, 0.25)
 
 
-@pytest.mark.parametrize("parties", [*PARTIES, 8, 16])
+@pytest.mark.parametrize("parties", [*BY_PARTIES, *slow(8, 16)])
 @pytest.mark.parametrize("variant", ["nearest", "floor"])
 def test_exact_truncation_is_exact_at_every_edge(variant, parties):
     shifts = [*FEW, 21] if parties == 3 else [20]
@@ -132,7 +133,8 @@ def test_exact_truncation_is_exact_at_every_edge(variant, parties):
 
 
 @pytest.mark.parametrize(
-    ("parties", "variant"), [(2, "wrap-count"), (5, "wrap-count"), (16, "wrap-count"), (3, "ideal")]
+    ("parties", "variant"),
+    [(5, "wrap-count"), (3, "ideal"), *slow((2, "wrap-count"), (16, "wrap-count"))],
 )
 def test_other_truncations_err_within_their_bound_and_without_bias(parties, variant):
     shift, count = 20, 1 << 13
@@ -159,6 +161,7 @@ FAILING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("variant", "parties", "frac_bits"), FAILING)
 def test_of_ten_million_truncations_of_large_values_as_many_fail_as_stated(variant, parties, frac_bits):
     failed, total = failures(Protocol(truncation=variant, frac_bits=frac_bits), parties, seed=frac_bits)
@@ -170,6 +173,7 @@ def test_of_ten_million_truncations_of_large_values_as_many_fail_as_stated(varia
         assert stats.binomtest(failed, total, probability).pvalue > 1e-5
 
 
+@pytest.mark.slow
 def test_beyond_the_stated_range_results_are_wrong_and_the_test_for_failures_sees_it():
     x = np.full(1 << 12, 2**62 + 2**61, np.uint64)
     (got,) = on_secrets(truncated([20]), 2)(4, x)

@@ -7,12 +7,14 @@ import pytest
 
 import ciphernav_jax as cn
 
+from ..slow import slow
+
 
 def loss(w, x):
     return jnp.sum(jax.nn.relu(x @ w) * x[:, :1])
 
 
-@pytest.mark.parametrize("parties", [2, 5])
+@pytest.mark.parametrize("parties", [2, *slow(5)])
 def test_the_result_is_that_of_the_step_and_all_truncations_are_counted(parties):
     rng = np.random.default_rng(parties)
     args = cn.share(jax.random.key(0), (rng.normal(size=(3, 4)), rng.normal(size=(6, 3))), parties=parties)
@@ -81,6 +83,7 @@ def branched(x, n):
     return jax.lax.switch(n - 3, [lambda x: x * 2.0, lambda x: x * x * x, lambda x: x * 0.3], x)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("function", "argument", "expected"),
     [

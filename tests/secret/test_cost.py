@@ -272,6 +272,7 @@ def exchanged(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", calls())
 def test_two_processes_send_as_many_messages_and_bytes(name, exchanged):
     step, _, args = calls()[name]
@@ -281,6 +282,7 @@ def test_two_processes_send_as_many_messages_and_bytes(name, exchanged):
         assert counts == {"messages": expected.messages, "bytes": expected.bytes_sent}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", calls())
 def test_two_processes_compute_the_simulation_s_shares(name, exchanged):
     step, key, args = calls()[name]
@@ -305,6 +307,7 @@ def draws(step, key, args, monkeypatch):
     return drawn
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("truncation", "parties"), [("probabilistic", 2), ("nearest", 3), ("wrap-count", 5)])
 def test_a_party_draws_all_that_it_holds_and_is_not_sent(truncation, parties, monkeypatch):
     protocol = cn.Protocol(truncation=truncation)

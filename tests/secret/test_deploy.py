@@ -15,7 +15,7 @@ from ciphernav_jax.parties import party
 from ..patience import PATIENCE_S
 from .party_process import PARTIES, everything, inputs
 
-pytestmark = pytest.mark.newest_jax
+pytestmark = [pytest.mark.newest_jax, pytest.mark.slow]
 
 ROOT = Path(__file__).parents[2]
 

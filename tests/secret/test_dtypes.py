@@ -61,6 +61,7 @@ def results(parties, truncation):
     return cn.reveal(step(jax.random.key(1), *secrets, INDEX))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("parties", "truncation"), [(3, "probabilistic")])
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_indexing_and_bools_are_as_in_jax(name, parties, truncation):

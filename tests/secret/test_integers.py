@@ -53,6 +53,7 @@ def results(parties):
     return dict(zip(CASES, cn.reveal(step(jax.random.key(1), *secrets)), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dtype", "name"), CASES)
 def test_integers_wrap_around_as_in_jax(dtype, name):
     expected = FUNCTIONS[name](jnp.asarray(X[dtype]), jnp.asarray(X[dtype][::-1]))

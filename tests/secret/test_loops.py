@@ -105,6 +105,7 @@ def results(parties, truncation):
     return step(jax.random.key(9), cn.share(jax.random.key(1), X, parties=parties, protocol=protocol), N)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("parties", "truncation"), VARIANTS)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_secure_is_the_function_within_its_bound(name, parties, truncation):

@@ -17,6 +17,8 @@ import ciphernav_jax as cn
 
 from .random_programs.checking import step_by_step
 
+pytestmark = pytest.mark.slow
+
 
 def larger_than_0(p):
     """Of two products together, which may not have the bits of a truncation."""

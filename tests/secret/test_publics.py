@@ -80,6 +80,7 @@ def results():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_public_numbers_of_any_size_beside_secrets(name):
     expected = FUNCTIONS[name](*map(jnp.asarray, (X, INTEGERS, INF, MASKS, LEAST)))

@@ -19,6 +19,8 @@ from .random_programs.operations import Plain
 from .random_programs.program import Program, Step
 from .random_programs.reference import Bounded, Reference
 
+pytestmark = pytest.mark.slow
+
 WIDEST = 5000
 
 

@@ -18,6 +18,8 @@ from ciphernav_jax.secret.arguments import Arguments
 from ciphernav_jax.secret.value import Value
 from ciphernav_jax.secret.witness import Witness
 
+from ..slow import slow
+
 MANY = 3000
 ENDS = np.array([0.9, -0.9, 0.9, -0.9, 1e-3, 0.0])
 OTHER = np.array([0.9, 0.9, -0.9, -0.9, -1e-3, 0.0])
@@ -219,6 +221,7 @@ def results(number):
     return run(jax.random.key(f), arguments(f), public(f))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("context", "name"), [(i, name) for i, (_, _, names) in enumerate(CONTEXTS) for name in names]
 )
@@ -248,6 +251,7 @@ class Bounded(Witness):
                 self._row.add("failed", jnp.sum(jnp.abs(word) > x.bound, dtype=jnp.int64))
 
 
+@pytest.mark.slow
 def test_no_value_exceeds_its_bound():
     def function(secret, known):
         return {name: FUNCTIONS[name][0](secret | known) for name in FUNCTIONS}
@@ -293,7 +297,7 @@ LARGE = {
     ],
     ids=str,
 )
-@pytest.mark.parametrize("count", [1000, 2**30])
+@pytest.mark.parametrize("count", [*slow(1000), 2**30])
 def test_no_bits_run_out_for_a_thousand_million_entries(protocol, count):
     """Traced alone. A value that cannot be truncated when its turn comes would raise."""
 
@@ -381,6 +385,7 @@ def test_a_quotient_by_a_number_is_a_scaling_by_a_constant():
     assert cn.cost(step, shared).openings == cn.cost(cn.secure(lambda x: x * (1 / 0.05)), shared).openings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("frac_bits", "once", "masked"), [(16, 6, 10), (20, 5, 9), (24, 4, 8)])
 @pytest.mark.parametrize("magnitude", [0, 10, 30])
 def test_a_scaling_takes_as_many_truncations_as_documented(frac_bits, once, masked, magnitude):
@@ -430,6 +435,7 @@ def with_slopes(functions):
 
 
 # Orders with the comparison that costs least: it is decided what is compared, not how.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("functions", "parties", "protocol"),
     [
@@ -450,6 +456,7 @@ def test_a_product_is_what_its_maximum_is_made_of(functions, parties, protocol):
         np.testing.assert_allclose(got, exact, atol=2.0**-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("truncation", ["probabilistic", "nearest", "floor", "wrap-count"])
 def test_a_small_value_that_might_be_large_is_scaled_as_precisely(truncation):
     """It is split into the first bits and the others, which nearly cancel: -0.01 is -1 and 0.99."""

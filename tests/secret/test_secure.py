@@ -196,6 +196,7 @@ def results(parties, truncation):
     return step(jax.random.key(99), *secrets)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "parties", "truncation"), [case for case in CASES if FUNCTIONS[case[0]][1] is not None]
 )
@@ -275,6 +276,7 @@ def training(parameters, velocity, x, y, momentum):
     return jax.tree.map(jnp.add, parameters, velocity), velocity, value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("momentum", [0.0, 0.9])
 def test_secret_training_tracks_float32_training(momentum):
     """200 steps in one scan. What unbiased rounding may do in them is measured on plain float64 training

@@ -1,8 +1,8 @@
-"""Every combination of variants computes what the function says, within bounds derived from its truncations.
+"""Variants compute what the function says, within bounds derived from its truncations.
 
-The parts are tested for every number of parties where they live (tests/protocols). Here the plain run takes
-every comparison and adder with some truncation and few parties, and every truncation with many; `pytest
---every-combination` takes the whole product, with P in {2, 3, 5, 8, 16}.
+The parts are tested for every number of parties where they live (tests/protocols). Here each is taken by
+itself, on two parties; then every comparison and adder with some truncation and few parties, and every
+truncation with many. `pytest --every-combination` takes the whole product, with P in {2, 3, 5, 8, 16}.
 """
 
 import itertools
@@ -12,11 +12,15 @@ from typing import get_args
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import ciphernav_jax as cn
 from ciphernav_jax.protocols import suite
+
+from ..slow import slow
+from .random_programs.variants import variants
 
 PARTIES = [2, 3, 5, 8, 16]
 SIGNS = [
@@ -54,10 +58,31 @@ def combined(truncation, sign, multiplication="beaver", generator="threefry") ->
     )
 
 
+EACH = variants()
+
+
+@pytest.mark.parametrize("name", EACH)
+def test_each_variant_by_itself_computes_products_signs_and_an_arg_max(name):
+    protocol = EACH[name]
+    rng = np.random.default_rng(4)
+    x, w = rng.uniform(-1, 1, (ROWS, INNER)), rng.uniform(-1, 1, (INNER, COLUMNS))
+
+    def layer(x, w):
+        z = x @ w
+        return jax.nn.relu(z), jnp.argmax(z, axis=1)
+
+    secrets = cn.share(jax.random.key(0), (x, w), parties=2, protocol=protocol)
+    relu, index = cn.reveal(cn.secure(layer, protocol=protocol)(jax.random.key(1), *secrets))
+    exact, largest = layer(x, w)
+    # What is encoded is off by half a unit, times less than one; a truncation by less than P units.
+    np.testing.assert_allclose(relu, exact, atol=(INNER + 2) * 2.0**-protocol.frac_bits)
+    np.testing.assert_array_equal(index, largest)
+
+
 def pytest_generate_tests(metafunc):
     if "parties" in metafunc.fixturenames:
         rows = list(combinations(metafunc.config.getoption("every_combination")))
-        metafunc.parametrize(("protocol", "parties"), rows, ids=[f"{r} P={p}" for r, p in rows])
+        metafunc.parametrize(("protocol", "parties"), slow(*rows), ids=[f"{r} P={p}" for r, p in rows])
 
 
 def function(x, y, w):
@@ -131,6 +156,7 @@ def test_a_combination_of_variants_computes_the_function_and_its_gradients(
 ENDS = st.sampled_from([0.0, 2.0**-20, -(2.0**-20), 1.0, 2.0**21 - 1, -(2.0**21) + 1, 2.0**20 + 2.0**-20])
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(values=st.lists(st.tuples(ENDS, st.sampled_from([1.0, -1.0, 1.5, -1.5])), min_size=12, max_size=12))
 def test_the_default_holds_at_both_ends_of_the_range(values):
@@ -175,6 +201,7 @@ ARGMAX = [
 ]
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(data=st.data(), seed=st.integers(0, 2**32 - 1))
 def test_both_ways_to_the_arg_max_give_the_first_of_the_largest(data, seed):
