@@ -68,7 +68,7 @@ def draw(
     ]
 
 
-def _cut(rows: list[UInt64[Array, " n"]], start: int, stop: int) -> UInt64[Array, " stop-start"]:
+def _cut(rows: list[UInt64[Array, " n"]], start: int, stop: int) -> UInt64[Array, " {stop}-{start}"]:
     """The words from start to stop of rows laid end to end. Few arrays span two rows; the rest are slices."""
     n = rows[0].size
     parts = [
