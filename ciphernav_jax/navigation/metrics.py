@@ -26,6 +26,7 @@ TITLES = {
     "first-person-deterministic": "First person, fixed start",
     "plaintext": "Plaintext, cameras",
     "plaintext-classifier": "Plaintext, the secret recipe",
+    "plaintext-actions-alone": "Plaintext, from actions alone",
 }
 
 

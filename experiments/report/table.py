@@ -42,7 +42,6 @@ TITLES = {
     "beyond": "trained longer, careful robot",
     "beyond-plaintext": "Plaintext, trained longer, careful robot",
     "alone": "Careful robot alone, nobody answers",
-    "plaintext-actions-alone": "Plaintext, from actions alone",
     "paper-recipe-samples": "Paper's recipe, 500 samples a step",
     "paper-recipe-environments": "Paper's recipe, 500 environments a step",
     "paper-recipe-secret": "paper's recipe",
