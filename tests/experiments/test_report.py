@@ -332,7 +332,9 @@ def test_no_line_is_hidden_by_another():
 
 def test_runs_that_do_the_same_are_all_seen(loaded):
     same = {name: loaded.runs["secret-2"] for name in figures.LENGTHS}
-    axes = figures.by_length(replace(loaded, runs=same), "success").draw().axes[0]
+    picture = figures.by_length(replace(loaded, runs=same), "success")
+    assert picture.draw is not None
+    axes = picture.draw().axes[0]
     found = [line.get_linewidth() for line in axes.lines]
     assert found == sorted(set(found), reverse=True)
     assert len(found) == len(figures.LENGTHS)

@@ -139,6 +139,7 @@ def test_harder_worlds_can_be_asked_for_and_solved():
     env = gymnasium.make(ENVIRONMENT_ID, layout=(8, 9), obstacles=5)
     for seed in range(8):
         env.reset(seed=seed)
+        assert isinstance(env.unwrapped, ObstacleWorld)
         world = env.unwrapped.scenario
         assert world.layout in (8, 9)
         assert len(world.obstacles) == 5
