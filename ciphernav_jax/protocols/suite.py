@@ -45,6 +45,11 @@ class Protocol:
     The *ideal* variants reconstruct, compute, and share afresh, as a trusted third party would: the result
     has the distribution that the real protocol gives, at a fraction of the cost. They are for sweeps, they
     have no messages to count, and `deploy` refuses them.
+
+    Example:
+        >>> import ciphernav_jax as cn
+        >>> print(cn.Protocol(truncation="nearest", frac_bits=16))
+        frac_bits=16, truncation=nearest
     """
 
     frac_bits: int = 20

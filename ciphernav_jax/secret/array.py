@@ -47,6 +47,13 @@ class Secret:
     TypeError. Not seen are `jnp.ones_like` and `full_like`, which fill the shares and not the value, and a
     collective over a vmapped axis, `lax.pmax`. Where a library's checkpoints do not take the seal's dtype,
     keep `x.shares`.
+
+    Example:
+        >>> import jax, numpy as np
+        >>> import ciphernav_jax as cn
+        >>> x = cn.share(jax.random.key(0), np.array([1.5, -2.0]), parties=3)
+        >>> x, x[0].shape, x.shares.shape
+        (Secret(float64[2], parties=3, frac_bits=20), (), (3, 2))
     """
 
     shares: UInt64[Array, "p ..."]
@@ -264,6 +271,12 @@ def share(
     Warns:
         KeyReuseWarning: a key shares a second time, and other values.
         RuntimeWarning: under `jit`, a value that cannot be shared.
+
+    Example:
+        >>> import jax, numpy as np
+        >>> import ciphernav_jax as cn
+        >>> cn.share(jax.random.key(0), {"w": np.ones((2, 3)), "b": np.array([True])}, parties=2)
+        {'b': Secret(bool[1], parties=2, frac_bits=0), 'w': Secret(float64[2, 3], parties=2, frac_bits=20)}
     """
     inside.require_outside("share", "A plain array meets them as it is, and counts as public.")
     protocol = chosen(protocol)
@@ -370,6 +383,13 @@ def reveal(x: Any) -> Any:
 
     Raises:
         TypeError: inside a function on secrets, which opens nothing.
+
+    Example:
+        >>> import jax, numpy as np
+        >>> import ciphernav_jax as cn
+        >>> x = cn.share(jax.random.key(0), np.array([1.5, -2.0]), parties=2)
+        >>> cn.reveal({"x": x, "count": 3})
+        {'count': 3, 'x': Array([ 1.5, -2. ], dtype=float64)}
     """
     inside.require_outside("reveal", "Nothing is opened there. Return the values, and reveal those.")
     return jax.tree.map(lambda leaf: _reveal_array(leaf) if is_secret(leaf) else leaf, x, is_leaf=is_secret)

@@ -23,6 +23,14 @@ def audit(step: Secure) -> Callable[..., tuple[Any, tuple[Array, Array]]]:
     Raises:
         TypeError: `step` was not made by `secure`.
         What `step` would raise (when called).
+
+    Example:
+        >>> import jax, jax.numpy as jnp, numpy as np
+        >>> import ciphernav_jax as cn
+        >>> x = cn.share(jax.random.key(0), np.array([1.5, -2.0]), parties=2)
+        >>> result, counts = cn.audit(cn.secure(jnp.square))(jax.random.key(1), x)
+        >>> [int(count) for count in counts]
+        [2, 0]
     """
     require_step(step)
 

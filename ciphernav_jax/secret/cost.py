@@ -30,6 +30,14 @@ SEED = 16
 class Network:
     """A network between any two parties: the time of one message of no length, one way, and the rate at which
     one party sends, to all others together.
+
+    Example:
+        >>> import jax, jax.numpy as jnp
+        >>> import ciphernav_jax as cn
+        >>> x = cn.share(jax.random.key(0), jnp.ones(4), parties=2)
+        >>> satellite = cn.Network("satellite", latency_s=0.3, bits_per_s=1e7)
+        >>> round(cn.cost(cn.secure(jnp.square), x).seconds(satellite), 3)
+        0.6
     """
 
     name: str
@@ -279,6 +287,14 @@ def cost(step: Secure, *args: Any, **kwargs: Any) -> Cost:
     Raises:
         TypeError: `step` was not made by `secure`.
         What `step` would raise on these arguments.
+
+    Example:
+        >>> import jax, numpy as np
+        >>> import ciphernav_jax as cn
+        >>> x = cn.share(jax.random.key(0), np.ones(4), parties=3)
+        >>> cost = cn.cost(cn.secure(lambda x, y: x * y), x, x[::-1])
+        >>> cost.rounds, cost.bytes_sent
+        (2, 192)
     """
     require_step(step)
     call = step.call(jax.eval_shape(_party_first, step.given(*args, **kwargs)))

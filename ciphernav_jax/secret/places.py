@@ -7,6 +7,7 @@ import sysconfig
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from ciphernav_jax.jax_private import JaxprEqn, frames
@@ -63,7 +64,7 @@ def of_function(function: Callable[..., Any]) -> Place:
     code = getattr(function, "__code__", None)
     if code and _of_user(code.co_filename):
         return Place(code.co_filename, code.co_firstlineno, function.__name__)
-    frame = sys._getframe()
+    frame: FrameType | None = sys._getframe()
     while frame is not None:
         code, module = frame.f_code, frame.f_globals.get("__name__", "")
         # A dataclass's methods have no file, but the names of their module.

@@ -158,6 +158,14 @@ def secure(
 
     Warns (when called):
         KeyReuseWarning: a key is given a second time, with other arguments or to another function.
+
+    Example:
+        >>> import jax, jax.numpy as jnp, numpy as np
+        >>> import ciphernav_jax as cn
+        >>> x = cn.share(jax.random.key(0), np.array([1.5, -2.0]), parties=2)
+        >>> step = cn.secure(lambda x, y: jnp.maximum(x + y, 0.0))
+        >>> cn.reveal(step(jax.random.key(1), x, np.array([0.5, 0.5]))).tolist()
+        [2.0, 0.0]
     """
     if function is None:
         return partial(secure, protocol=protocol, static_argnames=static_argnames)
@@ -187,6 +195,17 @@ def deploy(step: Secure, mesh: Mesh) -> Secure:
         A function like `step`. The shares it gives are bit-identical to the simulation's. The dealer's part
         is computed from `key` by every process, which stands in for a dealer that hands each party its own: a
         test of the program on real messages, not yet a deployment among parties that distrust one another.
+
+    Raises:
+        TypeError: `step` was not made by `secure`, or this is no mesh.
+        ValueError: an ideal variant. When called: the mesh has other axes, or not a device for each party.
+
+    Example:
+        >>> import jax, jax.numpy as jnp
+        >>> import ciphernav_jax as cn
+        >>> mesh = jax.make_mesh((len(jax.devices()),), ("party",))
+        >>> cn.deploy(cn.secure(jnp.square), mesh)
+        secure(square)
     """
     require_step(step)
     if not isinstance(mesh, Mesh):

@@ -50,6 +50,13 @@ def simulate(
         ValueError: fewer than two parties; an argument or cotangent out of the protocol's range (where it is
             concrete).
         NotImplementedError: `function` or its pullback uses an operation that has no rule.
+
+    Example:
+        >>> import jax, jax.numpy as jnp, numpy as np
+        >>> import ciphernav_jax as cn
+        >>> doubled = cn.simulate(lambda x: jnp.sum(2 * x), parties=2)
+        >>> jax.grad(doubled, argnums=1)(jax.random.key(0), np.array([1.5, -2.0])).tolist()
+        [2.0, 2.0]
     """
     protocol = chosen(protocol)
     step = secure(function, protocol=protocol)

@@ -24,6 +24,14 @@ def transcript(step: Secure) -> Callable[..., tuple[Any, tuple[Message, ...]]]:
     Raises:
         TypeError: `step` was not made by `secure`.
         NotImplementedError (when called): something is opened in a `lax.cond` or a `lax.while_loop`.
+
+    Example:
+        >>> import jax, jax.numpy as jnp, numpy as np
+        >>> import ciphernav_jax as cn
+        >>> x = cn.share(jax.random.key(0), np.array([1.5, -2.0]), parties=2)
+        >>> result, messages = cn.transcript(cn.secure(jnp.square))(jax.random.key(1), x)
+        >>> [message.opening.collective for message in messages], messages[0].sent.shape
+        (['open_sum', 'open_sum'], (2, 2))
     """
     require_step(step)
 

@@ -1,6 +1,5 @@
 """What `cn.compare` promises: numbers that others find too, rows for what is refused, a file that grows."""
 
-import doctest
 import inspect
 import io
 import itertools
@@ -202,12 +201,6 @@ def test_a_gradient_without_a_rule_is_a_reason():
     assert row.error == 0
     assert row.gradient_error is None
     assert "`exp`" in row.no_gradient
-
-
-def test_the_example_runs():
-    (example,) = doctest.DocTestFinder().find(cn.compare, "compare", globs={})
-    assert example.examples
-    assert doctest.DocTestRunner(verbose=False).run(example).failed == 0
 
 
 # --- what is written ----------------------------------------------------------------------------------
