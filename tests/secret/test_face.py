@@ -125,7 +125,7 @@ MISTAKES = {
     "half a party": (lambda x: cn.share(KEY, X, parties=2.0), "how many there are, an int, and not a float"),
     "a variant for a protocol": (lambda x: cn.share(KEY, X, parties=2, protocol="nearest"), "Protocol.parse"),
     "secure of it": (lambda x: cn.secure(cast(Any, x)), "secure takes a function, and not a Secret"),
-    "secure by a name": (lambda x: cn.secure(jnp.sin, protocol="nearest"), "Protocol.parse"),
+    "secure by a name": (lambda x: cn.secure(jnp.sin, protocol=cast(Any, "nearest")), "Protocol.parse"),
     "deploy of a plain function": (lambda x: cn.deploy(jnp.sin, None), r"made by secure\(f\)"),
     "deploy on nothing": (lambda x: cn.deploy(cn.secure(jnp.sin), None), "jax.make_mesh"),
     "cost of a plain function": (lambda x: cn.cost(jnp.sin, x), r"made by secure\(f\)"),
