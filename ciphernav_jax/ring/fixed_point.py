@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jaxtyping import ArrayLike, Bool, Float, Int, UInt64
+from jaxtyping import ArrayLike, Bool, Float, Integer, UInt64
 
 from ciphernav_jax.jax_private import Tracer
 
@@ -48,7 +48,7 @@ def _no_gradient_jvp(primals, tangents):
 
 
 def encode(
-    values: Float[ArrayLike, "..."] | Int[ArrayLike, "..."] | Bool[ArrayLike, "..."], frac_bits: int
+    values: Float[ArrayLike, "..."] | Integer[ArrayLike, "..."] | Bool[ArrayLike, "..."], frac_bits: int
 ) -> UInt64[Array, "..."]:
     """Fixed-point encoding round(v * 2^frac_bits) mod 2^64, ties to even.
 
