@@ -529,6 +529,8 @@ def values(name: str, inner: tuple[Any, ...]) -> tuple[str, ...]:
         return tuple(value for value in ABSENT if value not in ("file", "/dev/null"))
     if name == "variant":
         return VARIANTS
+    if name == "function":
+        return ("", "x", "SECRET", "tests.fuzz:nothing")
     if int in inner:
         return (*NUMBERS, *(() if name == "seed" else ("0", LARGE)))
     if float in inner:
