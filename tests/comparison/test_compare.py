@@ -174,9 +174,8 @@ def test_a_function_of_integers_has_no_gradient():
     assert "No gradient: no result is a float." in found.markdown()
 
 
-def test_gradients_may_be_left_out(monkeypatch):
-    monkeypatch.setattr(trials, "_gradient_error", lambda subject, *_: (None, subject.no_gradient))
-    found = cn.compare(shifted, X, W, SHIFT, parties=(2,), protocols=[IDEAL], gradients=False, repeat=1)
+def test_gradients_may_be_left_out():
+    found = cn.compare(lambda x: x * x, X[:2], parties=(2,), protocols=[IDEAL], gradients=False, repeat=1)
     (row,) = found.rows
     assert (row.gradient_error, row.no_gradient) == (None, "it was not asked for")
     assert "No gradient: it was not asked for." in found.markdown()
