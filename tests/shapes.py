@@ -17,6 +17,8 @@ from jaxtyping import AbstractArray
 
 def check(function: Callable) -> Callable:
     """The function, which raises where an annotated array is not of the dtype and shape that are written."""
+    if function.__name__ == "__init__":  # JAX unflattens pytrees with whatever it maps over them
+        return function
     held = {name: _held(annotation) for name, annotation in function.__annotations__.items()}
     function.__annotations__ = {
         name: annotation for name, annotation in held.items() if annotation is not None

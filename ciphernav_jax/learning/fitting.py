@@ -40,7 +40,7 @@ def fit(
 
     Args:
         network: what is trained.
-        weights: a pytree of public float arrays, to start with.
+        weights: a pytree of public float arrays of one dtype, which is the columns' too, to start with.
         table: the columns, each with its owner.
         recipe: how to train.
         key: of this training and no other: of the shares and the dealer, where there are parties.
@@ -75,6 +75,7 @@ def fit(
     """
     require_batch(recipe, table)
     state, data = at_start(weights), table.values
+    dtype = jnp.result_type(*jax.tree.leaves((weights, data)))
     protocol = None if parties is None else protocol or Protocol()
     if parties is not None:
         state, data = share_at_start(key, weights, table, parties, protocol)
@@ -86,9 +87,9 @@ def fit(
     began = time.perf_counter()
     while done < recipe.steps:
         steps = np.arange(done, min(done + recipe.chunk, recipe.steps))
-        total = jnp.float32(0)
+        total = jnp.zeros((), dtype)  # its buffer is given away with the state's
         if parties is not None:
-            total = share_loss(key, done, parties, protocol)
+            total = share_loss(key, done, total, parties, protocol)
         args = (key, (*state, total), data, table.batches(recipe, seed, steps))
         timing = {}
         if len(steps) not in compiled:  # the last chunk may be shorter
@@ -182,9 +183,11 @@ def share_at_start(
     return state, table.shared(keys.derive(key, "data"), parties, protocol)
 
 
-def share_loss(key: jax.Array, done: int, parties: int, protocol: Protocol | None = None) -> Secret:
+def share_loss(
+    key: jax.Array, done: int, zero: jax.Array, parties: int, protocol: Protocol | None = None
+) -> Secret:
     """The 0 to which the losses of a chunk are added; so many steps are done before it."""
-    return share(keys.derive(key, "loss", done), jnp.float32(0), parties=parties, protocol=protocol)
+    return share(keys.derive(key, "loss", done), zero, parties=parties, protocol=protocol)
 
 
 def step_key(key: jax.Array, step: int | jax.Array) -> jax.Array:

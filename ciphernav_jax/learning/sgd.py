@@ -66,7 +66,7 @@ def sgd_step(
         state: weights and velocity, two pytrees of the same shape, and the loss summed so far.
         columns: of the batch's samples.
         answers: float[n, outputs].
-        decay: float32 scalar, public, by which the rate has fallen.
+        decay: float scalar, public, by which the rate has fallen.
         recipe: the scale and the momentum.
 
     Returns:
@@ -79,7 +79,11 @@ def sgd_step(
         return jnp.sum(jnp.square(network.predict(weights, columns) - answers))
 
     loss, gradient = jax.value_and_grad(error)(weights)
-    velocity = jax.tree.map(lambda v, g: recipe.momentum * v - decay * (scale * g), velocity, gradient)
+
+    def slowed(v, g):
+        return recipe.momentum * v - jnp.asarray(decay, g.dtype) * (scale * g)
+
+    velocity = jax.tree.map(slowed, velocity, gradient)
     return jax.tree.map(jnp.add, weights, velocity), velocity, total + loss
 
 

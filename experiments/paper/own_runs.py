@@ -28,6 +28,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from numpy.typing import NDArray
@@ -84,7 +85,7 @@ def training(
     """The first steps of the training of a classifier that has this key (`learning.fit`), once more."""
     table = classifier.table(seen, samples, parties)
     start, data = fitting.share_at_start(key, classifier.initial(seed), table, parties, protocol)
-    loss = fitting.share_loss(key, 0, parties, protocol)
+    loss = fitting.share_loss(key, 0, jnp.float32(0), parties, protocol)
     state, views = (*start, loss), []
     step = observed_step(recipe, protocol or Protocol())
     numbers, decays, rows = table.batches(recipe, seed, np.arange(steps))

@@ -110,6 +110,20 @@ def test_it_goes_on_from_a_checkpoint_to_the_same_bits(tmp_path, parties):
             fit(NETWORK, start(), patients(), RECIPE, KEY, checkpoint=Checkpoint(tmp_path / "whole", "other"))
 
 
+def test_in_float64_too():
+    wide = jax.tree.map(lambda x: x.astype(np.float64), start())
+    table = patients()
+    columns = {
+        name: Column(of.owner, np.asarray(of.values, np.float64), of.rows)
+        for name, of in table.columns.items()
+    }
+    answers = Column("second", np.asarray(table.answers.values, np.float64))
+    secret, curve = fit(NETWORK, wide, Table(columns, answers), RECIPE, KEY, parties=2)
+    plain, open_curve = fit(NETWORK, wide, Table(columns, answers), RECIPE, KEY)
+    assert {weight.dtype for weight in (*secret.values(), *plain.values())} == {np.dtype(np.float64)}
+    assert curve[-1]["loss"] == pytest.approx(open_curve[-1]["loss"], rel=1e-4)
+
+
 def test_more_owners_than_parties_are_refused():
     table = patients(("first", "second"))
     third = Table({**table.columns, "x": Column("third", np.zeros((50, 1)))}, answers=table.answers)
