@@ -126,7 +126,9 @@ def test_in_float64_too():
 
 def test_more_owners_than_parties_are_refused():
     table = patients(("first", "second"))
-    third = Table({**table.columns, "x": Column("third", np.zeros((50, 1)))}, answers=table.answers)
+    third = Table(
+        {**table.columns, "x": Column("third", np.zeros((50, 1), np.float32))}, answers=table.answers
+    )
     assert third.owners == ("first", "second", "third")
     with pytest.raises(ValueError, match="first, second, third hold columns, but there are 2 parties"):
         fit(NETWORK, start(), third, RECIPE, KEY, parties=2)
