@@ -24,7 +24,7 @@ from ciphernav_jax.world.poses import centre
 from ciphernav_jax.world.scenario import Scenario
 
 DOCS = Path(__file__).parents[1] / "docs"
-PACKAGES = ("secret", "comparison", "ring", "world", "models")
+PACKAGES = ("secret", "comparison", "learning", "ring", "world", "models")
 """Those that have public names of their own."""
 
 HEAD = """# Public names

@@ -14,19 +14,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ciphernav_jax.learning.columns import SplitTable, picked
 from ciphernav_jax.learning.progress import Report
-from ciphernav_jax.learning.sgd import Network, Sgd, count_right, sgd_step
+from ciphernav_jax.learning.sgd import Model, Sgd, count_right, sgd_step
 from ciphernav_jax.learning.storage import Checkpoint
-from ciphernav_jax.learning.table import Table, picked
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import Secret, audit, reveal, secure, share
 
 
 def fit(
-    network: Network,
+    model: Model,
     weights: Any,
-    table: Table,
+    table: SplitTable,
     recipe: Sgd,
     key: jax.Array,
     *,
@@ -39,7 +39,7 @@ def fit(
     """Train a network, or go on from the latest checkpoint: the same to the bit.
 
     Args:
-        network: what is trained.
+        model: what is trained.
         weights: a pytree of public float arrays of one dtype, which is the columns' too, to start with.
         table: the columns, each with its owner.
         recipe: how to train.
@@ -61,17 +61,20 @@ def fit(
         ValueError: fewer than two parties, or fewer than owners; a batch of more samples than there are.
 
     Example:
+        >>> import jax, jax.numpy as jnp, numpy as np
+        >>> from ciphernav_jax.learning import Column, Model, Sgd, SplitTable, fit
         >>> rng = np.random.default_rng(0)
         >>> left, right = rng.normal(size=(2, 40, 1)).astype(np.float32)
         >>> answers = np.eye(2, dtype=np.float32)[(left + right > 0).astype(int)[:, 0]]
-        >>> table = Table(
+        >>> table = SplitTable(
         ...     {"left": Column("one", left), "right": Column("two", right)}, answers=Column("two", answers)
         ... )
-        >>> network = Network(lambda w, columns: jnp.concatenate(columns, axis=1) @ w, outputs=2)
-        >>> start, recipe = jnp.zeros((2, 2), jnp.float32), Sgd(steps=20, batch=40, chunk=10)
-        >>> weights, curve = fit(network, start, table, recipe, jax.random.key(0), parties=2)
+        >>> model = Model(lambda w, columns: jnp.concatenate(columns, axis=1) @ w, outputs=2)
+        >>> recipe = Sgd(steps=40, batch=40, learning_rate=0.5, chunk=20)
+        >>> start = jnp.zeros((2, 2), jnp.float32)
+        >>> weights, curve = fit(model, start, table, recipe, jax.random.key(0), parties=2)
         >>> weights.parties, [point["step"] for point in curve], curve[-1]["accuracy"] > 90
-        (2, [10, 20], True)
+        (2, [20, 40], True)
     """
     require_batch(recipe, table)
     state, data = at_start(weights), table.values
@@ -94,14 +97,14 @@ def fit(
         timing = {}
         if len(steps) not in compiled:  # the last chunk may be shorter
             before = time.perf_counter()
-            compiled[len(steps)] = _run.lower(*args, network, recipe, protocol).compile()
+            compiled[len(steps)] = _run.lower(*args, model, recipe, protocol).compile()
             timing["compile_seconds"] = time.perf_counter() - before
             began += timing["compile_seconds"]
         (*state, total), right, truncations = compiled[len(steps)](*args)
         done += len(steps)
         point = {
             "step": done,
-            "loss": float(reveal(total)) / (len(steps) * recipe.batch * network.outputs),
+            "loss": float(reveal(total)) / (len(steps) * recipe.batch * model.outputs),
             "accuracy": 100 * float(reveal(right)) / recipe.batch,
         }
         if parties is not None:
@@ -124,13 +127,13 @@ def require_batch(recipe: Sgd, samples: Sized) -> None:
         )
 
 
-@functools.partial(jax.jit, static_argnames=("network", "recipe", "protocol"), donate_argnames="state")
+@functools.partial(jax.jit, static_argnames=("model", "recipe", "protocol"), donate_argnames="state")
 def _run(
     key: jax.Array,
     state: tuple,
     data: tuple,
     batches: tuple,
-    network: Network,
+    model: Model,
     recipe: Sgd,
     protocol: Protocol | None,
 ):
@@ -142,8 +145,8 @@ def _run(
         The next state, the right answers of the last batch, and the truncations and those that failed.
     """
     evaluate = functools.partial(_secretly, protocol) if protocol else _openly
-    advance = evaluate(functools.partial(sgd_step, network, recipe=recipe))
-    count = evaluate(functools.partial(count_right, network))
+    advance = evaluate(functools.partial(sgd_step, model, recipe=recipe))
+    count = evaluate(functools.partial(count_right, model))
 
     def body(carry, batch):
         state, truncations = carry
@@ -169,12 +172,12 @@ def _openly(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def at_start(weights: Any) -> tuple[Any, Any]:
-    """Weights and velocity before the first step."""
-    return weights, jax.tree.map(jnp.zeros_like, weights)
+    """Weights and velocity before the first step; copies, for a step gives its buffers away."""
+    return jax.tree.map(jnp.array, weights), jax.tree.map(jnp.zeros_like, weights)
 
 
 def share_at_start(
-    key: jax.Array, weights: Any, table: Table, parties: int, protocol: Protocol | None = None
+    key: jax.Array, weights: Any, table: SplitTable, parties: int, protocol: Protocol | None = None
 ) -> tuple[tuple, tuple]:
     """All that is shared before the first step of the training that has this key: weights and velocity, and
     the table.

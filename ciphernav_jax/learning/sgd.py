@@ -12,7 +12,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Network:
+class Model:
     """What is trained.
 
     Attributes:
@@ -52,7 +52,7 @@ class Sgd:
 
 
 def sgd_step(
-    network: Network,
+    model: Model,
     state: tuple,
     columns: tuple,
     answers: jax.Array,
@@ -62,7 +62,7 @@ def sgd_step(
     """One step.
 
     Args:
-        network: what is trained.
+        model: what is trained.
         state: weights and velocity, two pytrees of the same shape, and the loss summed so far.
         columns: of the batch's samples.
         answers: float[n, outputs].
@@ -73,10 +73,10 @@ def sgd_step(
         The next state; the loss is the squared error summed over samples and outputs.
     """
     weights, velocity, total = state
-    scale = recipe.scale(network.outputs)
+    scale = recipe.scale(model.outputs)
 
     def error(weights):
-        return jnp.sum(jnp.square(network.predict(weights, columns) - answers))
+        return jnp.sum(jnp.square(model.predict(weights, columns) - answers))
 
     loss, gradient = jax.value_and_grad(error)(weights)
 
@@ -87,7 +87,7 @@ def sgd_step(
     return jax.tree.map(jnp.add, weights, velocity), velocity, total + loss
 
 
-def count_right(network: Network, weights: Any, columns: tuple, answers: jax.Array) -> jax.Array:
+def count_right(model: Model, weights: Any, columns: tuple, answers: jax.Array) -> jax.Array:
     """float32: for how many samples the largest output stands where the largest number of the answer does."""
-    right = jnp.argmax(network.predict(weights, columns), axis=-1) == jnp.argmax(answers, axis=-1)
+    right = jnp.argmax(model.predict(weights, columns), axis=-1) == jnp.argmax(answers, axis=-1)
     return jnp.sum(right.astype(jnp.float32))

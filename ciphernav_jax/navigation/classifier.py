@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import nnx
 
-from ciphernav_jax.learning import Column, Network, Sgd, Table
+from ciphernav_jax.learning import Column, Model, Sgd, SplitTable
 from ciphernav_jax.learning.fitting import at_start
 from ciphernav_jax.learning.sgd import sgd_step
 from ciphernav_jax.models import ActionClassifier
@@ -40,7 +40,7 @@ def predict(weights: Any, slots: tuple) -> jax.Array:
     return nnx.merge(GRAPH, weights)(jnp.concatenate(slots, axis=-1))
 
 
-CLASSIFIER = Network(predict, ACTIONS)
+CLASSIFIER = Model(predict, ACTIONS)
 
 
 def initial(seed: int) -> dict:
@@ -64,14 +64,14 @@ def training_step(recipe: FreshClassifier, seed: int = 0) -> tuple[Callable[...,
     return partial(sgd_step, CLASSIFIER, recipe=recipe), (state, slots, labels, np.float32(1))
 
 
-def table(features: Features, samples: Samples, parties: int | None = None) -> Table:
+def table(features: Features, samples: Samples, parties: int | None = None) -> SplitTable:
     """The six slots of every sample, and the right actions, one-hot; with those who hold them (`cast`)."""
     robot = features.robot(samples.env, samples.cell, samples.heading, samples.goal)
     values = dict(zip(SLOTS, (*features.cameras, *robot), strict=True))
     rows: dict[str, Any] = dict.fromkeys(CAMERAS, samples.env)  # a camera's view is its environment's
     owners = {slot: party.name for party in cast(parties or 2) for slot in party.slots}
     labels = np.eye(ACTIONS, dtype=np.float32)[samples.action]
-    return Table(
+    return SplitTable(
         {slot: Column(owners[slot], values[slot], rows.get(slot)) for slot in SLOTS},
         answers=Column(owners["agent"], labels),
     )

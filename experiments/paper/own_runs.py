@@ -35,8 +35,8 @@ from numpy.typing import NDArray
 
 from ciphernav_jax.command_line import read
 from ciphernav_jax.learning import fitting
+from ciphernav_jax.learning.columns import ANSWERS, picked
 from ciphernav_jax.learning.sgd import sgd_step
-from ciphernav_jax.learning.table import ANSWERS, picked
 from ciphernav_jax.navigation import classifier, driving, features, folders, policies, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.features import Features

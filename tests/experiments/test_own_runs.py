@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ciphernav_jax.learning import Network, fit, fitting
+from ciphernav_jax.learning import Model, fit, fitting
 from ciphernav_jax.navigation import classifier, driving, policies, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.features import Features
@@ -92,7 +92,7 @@ def small_classifier():
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(classifier, "initial", lambda seed: {"kernel": kernel})
-        patched.setattr(classifier, "CLASSIFIER", Network(predict, 5))
+        patched.setattr(classifier, "CLASSIFIER", Model(predict, 5))
         patched.setattr(policies, "best_action", predict)
         yield
     own_runs.observed_step.cache_clear()

@@ -7,7 +7,7 @@ import pytest
 
 import ciphernav_jax as cn
 from ciphernav_jax.files import DamagedError
-from ciphernav_jax.learning import Checkpoint, Column, Network, Sgd, Table, fit
+from ciphernav_jax.learning import Checkpoint, Column, Model, Sgd, SplitTable, fit
 
 RECIPE = Sgd(steps=6, batch=20, learning_rate=0.25, chunk=2)
 KEY = jax.random.key(7)
@@ -18,7 +18,7 @@ def predict(weights, columns):
     return hidden @ weights["out"]
 
 
-NETWORK = Network(predict, outputs=2)
+MODEL = Model(predict, outputs=2)
 
 
 def start():
@@ -38,7 +38,7 @@ def patients(owners=("first", "second")):
         "blood": Column(owners[1], blood),
         "ward": Column(owners[0], wards, rows=ward),
     }
-    return Table(columns, answers=Column(owners[1], np.eye(2, dtype=np.float32)[ill.astype(int)]))
+    return SplitTable(columns, answers=Column(owners[1], np.eye(2, dtype=np.float32)[ill.astype(int)]))
 
 
 def untimed(curve):
@@ -47,8 +47,8 @@ def untimed(curve):
 
 @pytest.mark.parametrize("parties", [2, 3])
 def test_in_secret_it_learns_what_it_learns_in_the_clear(parties):
-    plain, open_curve = fit(NETWORK, start(), patients(), RECIPE, KEY)
-    secret, curve = fit(NETWORK, start(), patients(), RECIPE, KEY, parties=parties)
+    plain, open_curve = fit(MODEL, start(), patients(), RECIPE, KEY)
+    secret, curve = fit(MODEL, start(), patients(), RECIPE, KEY, parties=parties)
     assert {weight.parties for weight in secret.values()} == {parties}
     for name, weight in plain.items():
         np.testing.assert_allclose(cn.reveal(secret[name]), weight, atol=1e-4)
@@ -64,7 +64,7 @@ def test_a_step_is_that_of_gradient_descent_with_momentum():
     """By hand, in float64: two steps on all samples with a rate that falls in a straight line."""
     table = patients()
     recipe = Sgd(steps=2, batch=50, learning_rate=0.25, momentum=0.5, chunk=1)
-    found, curve = fit(NETWORK, start(), table, recipe, KEY)
+    found, curve = fit(MODEL, start(), table, recipe, KEY)
     columns = tuple(
         np.asarray(c.values)[c.at(np.arange(50))].astype(np.float64) for c in table.columns.values()
     )
@@ -95,7 +95,7 @@ def test_it_goes_on_from_a_checkpoint_to_the_same_bits(tmp_path, parties):
     def run(name, report=None):
         checkpoint = Checkpoint(tmp_path / name)
         return fit(
-            NETWORK, start(), patients(), RECIPE, KEY, parties=parties, checkpoint=checkpoint, report=report
+            MODEL, start(), patients(), RECIPE, KEY, parties=parties, checkpoint=checkpoint, report=report
         )
 
     whole, curve = run("whole")
@@ -107,7 +107,14 @@ def test_it_goes_on_from_a_checkpoint_to_the_same_bits(tmp_path, parties):
         np.testing.assert_array_equal(one, other)  # of secrets, the shares
     if parties is not None:
         with pytest.raises(DamagedError, match="is not what was written"):
-            fit(NETWORK, start(), patients(), RECIPE, KEY, checkpoint=Checkpoint(tmp_path / "whole", "other"))
+            fit(MODEL, start(), patients(), RECIPE, KEY, checkpoint=Checkpoint(tmp_path / "whole", "other"))
+
+
+def test_the_weights_to_start_with_are_kept():
+    begin = jax.tree.map(jnp.asarray, start())
+    fit(MODEL, begin, patients(), RECIPE, KEY)
+    for name, weight in start().items():
+        np.testing.assert_array_equal(begin[name], weight)
 
 
 def test_in_float64_too():
@@ -118,35 +125,35 @@ def test_in_float64_too():
         for name, of in table.columns.items()
     }
     answers = Column("second", np.asarray(table.answers.values, np.float64))
-    secret, curve = fit(NETWORK, wide, Table(columns, answers), RECIPE, KEY, parties=2)
-    plain, open_curve = fit(NETWORK, wide, Table(columns, answers), RECIPE, KEY)
+    secret, curve = fit(MODEL, wide, SplitTable(columns, answers), RECIPE, KEY, parties=2)
+    plain, open_curve = fit(MODEL, wide, SplitTable(columns, answers), RECIPE, KEY)
     assert {weight.dtype for weight in (*secret.values(), *plain.values())} == {np.dtype(np.float64)}
     assert curve[-1]["loss"] == pytest.approx(open_curve[-1]["loss"], rel=1e-4)
 
 
 def test_more_owners_than_parties_are_refused():
     table = patients(("first", "second"))
-    third = Table(
+    third = SplitTable(
         {**table.columns, "x": Column("third", np.zeros((50, 1), np.float32))}, answers=table.answers
     )
     assert third.owners == ("first", "second", "third")
     with pytest.raises(ValueError, match="first, second, third hold columns, but there are 2 parties"):
-        fit(NETWORK, start(), third, RECIPE, KEY, parties=2)
+        fit(MODEL, start(), third, RECIPE, KEY, parties=2)
 
 
 def test_columns_of_other_samples_are_refused():
     answers = Column("one", np.zeros((5, 2)))
     with pytest.raises(ValueError, match="column 'age' has 4 samples, the answers 5"):
-        Table({"age": Column("one", np.zeros((4, 1)))}, answers=answers)
+        SplitTable({"age": Column("one", np.zeros((4, 1)))}, answers=answers)
     with pytest.raises(ValueError, match="column 'age' has 6 samples, the answers 5"):
-        Table({"age": Column("one", np.zeros((4, 1)), rows=np.zeros(6, int))}, answers=answers)
+        SplitTable({"age": Column("one", np.zeros((4, 1)), rows=np.zeros(6, int))}, answers=answers)
     with pytest.raises(ValueError, match="named 'labels'"):
-        Table({"labels": Column("one", np.zeros((5, 1)))}, answers=answers)
+        SplitTable({"labels": Column("one", np.zeros((5, 1)))}, answers=answers)
 
 
 def test_a_batch_of_more_than_all_samples_is_refused():
     with pytest.raises(ValueError, match="a batch of 51 is more than the 50 samples"):
-        fit(NETWORK, start(), patients(), Sgd(batch=51), KEY)
+        fit(MODEL, start(), patients(), Sgd(batch=51), KEY)
 
 
 def test_each_epoch_has_every_sample_once():

@@ -41,7 +41,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class SplitTable:
     """All columns, and the answers.
 
     Attributes:
@@ -52,8 +52,10 @@ class Table:
         ValueError: columns of different numbers of samples, or one named "labels", as the answers are.
 
     Example:
+        >>> import numpy as np
+        >>> from ciphernav_jax.learning import Column, SplitTable
         >>> ages, results = np.ones((4, 1)), np.ones((4, 2))
-        >>> table = Table({"age": Column("first", ages)}, answers=Column("second", results))
+        >>> table = SplitTable({"age": Column("first", ages)}, answers=Column("second", results))
         >>> len(table), table.owners
         (4, ('first', 'second'))
     """
@@ -114,7 +116,7 @@ class Table:
 
 
 def picked(values: tuple[tuple, Any], rows: tuple[tuple, Any]) -> tuple[tuple, Any]:
-    """The columns and the answers of a batch, of what `Table.values` or `Table.shared` gives."""
+    """The columns and the answers of a batch, of what `SplitTable.values` or `SplitTable.shared` gives."""
     (columns, answers), (of_columns, of_answers) = values, rows
     return tuple(x[row] for x, row in zip(columns, of_columns, strict=True)), answers[of_answers]
 
