@@ -67,7 +67,7 @@ def _run(command: Bench | Report | Primitives | Pages | Programs) -> None:
             from ciphernav_jax.protocols import Protocol
             from experiments import bench, peers
 
-            bench.run(
+            bench.benchmark(
                 parties=command.parties,
                 names=command.work,
                 protocols=[Protocol.parse(text) for text in command.variant],
@@ -80,7 +80,7 @@ def _run(command: Bench | Report | Primitives | Pages | Programs) -> None:
         case Report():
             from experiments.report import write
 
-            write.run(command.results, command.out, command.readme)
+            write.write_report(command.results, command.out, command.readme)
         case Primitives():
             from experiments import primitives
 
@@ -92,7 +92,7 @@ def _run(command: Bench | Report | Primitives | Pages | Programs) -> None:
         case Programs():
             from experiments import programs
 
-            programs.run(command.count)
+            programs.compile_many(command.count)
 
 
 if __name__ == "__main__":

@@ -71,7 +71,7 @@ PEERS_NOTE = (
 )
 
 
-def run(
+def benchmark(
     *,
     parties: Sequence[int],
     names: Sequence[str],
@@ -173,7 +173,7 @@ def _run(
 
     if with_peers:
         of_peers = [work for work in chosen if work.steps == 1]
-        document["peers"] = peers.run(
+        document["peers"] = peers.run_worker(
             with_peers, of_peers, parties, out / "peers", repeat, time_limit, console
         )
         console.print(peers_table(document, names), *_failed(document), sep="\n")
@@ -197,8 +197,8 @@ def _compare(document: dict[str, Any], rates: dict[str, float]) -> None:
 def _measured(order: Order) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as cache:
         title = f"{order.work} with {order.parties} parties"
-        result = process.run(measure, order.as_json(), title, cache)
-        again = process.run(measure, replace(order, compile_only=True).as_json(), title, cache)
+        result = process.in_process(measure, order.as_json(), title, cache)
+        again = process.in_process(measure, replace(order, compile_only=True).as_json(), title, cache)
     return {
         "work": order.work,
         "parties": order.parties,
@@ -211,7 +211,7 @@ def _measured(order: Order) -> dict[str, Any]:
 
 
 def _grown(turns: Turns) -> list[dict[str, Any]]:
-    found = process.run(growth, turns.as_json(), f"{turns.work} with {turns.parties} parties in turns")
+    found = process.in_process(growth, turns.as_json(), f"{turns.work} with {turns.parties} parties in turns")
     return [{"work": turns.work, **result, "at": provenance.now()} for result in found["results"]]
 
 

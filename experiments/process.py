@@ -13,7 +13,7 @@ from ciphernav_jax.files import read_json, write_json
 from ciphernav_jax.lifeline import end_with_parent, lifeline
 
 
-def run(module: ModuleType, order: dict[str, Any], title: str, cache: str = "") -> dict[str, Any]:
+def in_process(module: ModuleType, order: dict[str, Any], title: str, cache: str = "") -> dict[str, Any]:
     """What `python -m MODULE ORDER.json RESULT.json` answers to an order; it ends with this process.
 
     Args:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import reveal, secure, share, simulate
-from ciphernav_jax.secret.programs import ALLOWED, MAPS
+from ciphernav_jax.secret.compiled import ALLOWED, MAPS
 
 ROOT = keys.root(0)
 RNG = np.random.default_rng(0)
@@ -46,7 +46,7 @@ def through_the_protocol(factor: float) -> Callable[..., jax.Array]:
     return jax.grad(simulated, argnums=1)
 
 
-def run(count: int) -> None:
+def compile_many(count: int) -> None:
     """Compile, call, call again and compare.
 
     Raises:

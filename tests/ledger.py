@@ -13,7 +13,6 @@ the branch that is taken, for each entry of a `vmap`.
 import contextlib
 import functools
 import hashlib
-import importlib
 import inspect
 import math
 from collections import defaultdict
@@ -26,10 +25,9 @@ import pytest
 
 from ciphernav_jax import ring
 from ciphernav_jax.parties import sharing
+from ciphernav_jax.secret import costs
 from ciphernav_jax.secret.rules import control_flow
-from ciphernav_jax.secret.secure import Secure
-
-COUNTING = importlib.import_module("ciphernav_jax.secret.cost")  # the function has its name
+from ciphernav_jax.secret.secured import Secure
 
 Stream = tuple[bytes, str]
 
@@ -78,7 +76,7 @@ def kept() -> Iterator[Ledger]:
     ledger = Ledger()
     under_way: list[tuple[str, str, list[Any]]] = []
     share_ring, draw = sharing.share_ring, ring.draw
-    deal = COUNTING.deal
+    deal = costs.deal
     witnessed, take_on_call = Secure.witnessed, control_flow.take_on_call
 
     @contextlib.contextmanager
@@ -122,7 +120,7 @@ def kept() -> Iterator[Ledger]:
         patched.setattr(ring, "draw", noted_draw)
         patched.setattr(sharing, "share_ring", noted_share)
         patched.setattr(Secure, "witnessed", noted_step)
-        patched.setattr(COUNTING, "deal", counted)
+        patched.setattr(costs, "deal", counted)
         patched.setattr(control_flow, "take_on_call", noted_call)
         yield ledger
         jax.effects_barrier()

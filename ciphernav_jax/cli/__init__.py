@@ -43,7 +43,7 @@ def _run(command: Generate | Train | Evaluate | Demo | Sweep) -> None:
         case Generate():
             from ciphernav_jax.world import generate
 
-            generate.run(command)
+            generate.render(command)
         case Train():
             from ciphernav_jax.cli import commands
 
@@ -55,8 +55,8 @@ def _run(command: Generate | Train | Evaluate | Demo | Sweep) -> None:
         case Demo():
             from ciphernav_jax.cli import demo
 
-            demo.run(command)
+            demo.demonstrate(command)
         case Sweep():
             from ciphernav_jax.cli import sweep
 
-            sweep.run(command)
+            sweep.compare_variants(command)

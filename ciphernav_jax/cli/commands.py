@@ -13,7 +13,7 @@ from ciphernav_jax.navigation import driving, folders, metrics, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.folders import Trained
 from ciphernav_jax.navigation.methods import METHODS
-from ciphernav_jax.navigation.parties import statement
+from ciphernav_jax.navigation.owners import statement
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.rollout import Episodes, random_walk
 from ciphernav_jax.protocols import Protocol

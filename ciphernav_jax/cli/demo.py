@@ -20,7 +20,7 @@ from ciphernav_jax.files import write_json, write_text
 from ciphernav_jax.learning.progress import bar
 from ciphernav_jax.navigation import driving, folders, metrics, pictures, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
-from ciphernav_jax.navigation.parties import cast, statement
+from ciphernav_jax.navigation.owners import cast, statement
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.rollout import Episodes, random_walk
 from ciphernav_jax.world import dataset
@@ -45,7 +45,7 @@ class Clock:
         self.seconds[name] = self.seconds.get(name, 0.0) + round(time.perf_counter() - start, 1)
 
 
-def run(args: Demo) -> None:
+def demonstrate(args: Demo) -> None:
     """Do everything, and leave it in `args.out`.
 
     Raises:

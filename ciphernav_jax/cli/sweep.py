@@ -21,7 +21,7 @@ Given = tuple[Callable[..., Any], tuple[Any, ...], tuple[int, ...]]
 """A function, its arguments, and which of them are public."""
 
 
-def run(args: Sweep) -> None:
+def compare_variants(args: Sweep) -> None:
     """Compare as asked, print the tables, and say where they are.
 
     Raises:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import is_secret, share
-from ciphernav_jax.secret.secure import Secure
+from ciphernav_jax.secret.secured import Secure
 
 ADDRESS = re.compile(r" at 0x[0-9a-f]+")
 """What a jaxpr's text says of a function that is another in every process."""

@@ -1,7 +1,7 @@
 """Training, plain and secret, and closed-loop navigation. In reading order:
 
 - `methods`: what each method of the paper's table sees.
-- `parties`: who holds what, and what is secret.
+- `owners`: who holds what, and what is secret.
 - `samples`: teacher-forced samples of a data set.
 - `features`: each party encodes its own views.
 - `plain`: encoders and classifier, end to end, in plaintext.

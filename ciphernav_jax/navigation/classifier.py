@@ -17,7 +17,7 @@ from ciphernav_jax.models import ActionClassifier
 from ciphernav_jax.models.classifier import ACTIONS
 from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
 from ciphernav_jax.navigation.features import Features
-from ciphernav_jax.navigation.parties import CAMERAS, SLOTS, cast
+from ciphernav_jax.navigation.owners import CAMERAS, SLOTS, cast
 from ciphernav_jax.navigation.samples import Samples
 
 GRAPH = nnx.split(ActionClassifier(nnx.Rngs(0)))[0]

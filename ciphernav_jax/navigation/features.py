@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ciphernav_jax.models import MapEncoder, Sight, ViewEncoder
 from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
 from ciphernav_jax.navigation.methods import Method
-from ciphernav_jax.navigation.parties import CAMERAS
+from ciphernav_jax.navigation.owners import CAMERAS
 from ciphernav_jax.navigation.samples import Samples
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import CELLS, WALLS, map_code

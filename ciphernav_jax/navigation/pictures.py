@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ciphernav_jax.files import write_png
-from ciphernav_jax.navigation.parties import CAMERAS
+from ciphernav_jax.navigation.owners import CAMERAS
 from ciphernav_jax.navigation.rollout import Episodes, Outcome
 from ciphernav_jax.world import topview
 from ciphernav_jax.world.dataset import Dataset

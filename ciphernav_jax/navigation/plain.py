@@ -23,7 +23,7 @@ from ciphernav_jax.models import Navigator
 from ciphernav_jax.models.classifier import ACTIONS
 from ciphernav_jax.models.encoders import VIEW_FEATURES
 from ciphernav_jax.navigation.methods import Method
-from ciphernav_jax.navigation.parties import CAMERAS
+from ciphernav_jax.navigation.owners import CAMERAS
 from ciphernav_jax.navigation.samples import Samples, training_samples
 from ciphernav_jax.world.dataset import Dataset
 from ciphernav_jax.world.grid import WALLS, map_code
@@ -127,7 +127,7 @@ def logits(navigator: Navigator, batch: Batch, method: Method) -> tuple[jax.Arra
     return navigator.classifier(jnp.concatenate([views.reshape(len(views), -1), place], axis=-1)), views
 
 
-def train(
+def train_navigator(
     dataset: Dataset, method: Method, recipe: EndToEnd, seed: int, checkpoint: Checkpoint, report: Report
 ) -> tuple[Navigator, list[dict]]:
     """Train a navigator, or go on from the latest checkpoint: the result is the same to the bit.

@@ -8,7 +8,7 @@ import numpy as np
 
 from ciphernav_jax.navigation.classifier import predict
 from ciphernav_jax.navigation.features import Features
-from ciphernav_jax.navigation.parties import CAMERAS
+from ciphernav_jax.navigation.owners import CAMERAS
 from ciphernav_jax.navigation.rollout import Policy
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys

@@ -44,7 +44,7 @@ def initial(seed: int) -> dict:
     return nnx.to_pure_dict(nnx.split(Sight(nnx.Rngs(seed)))[1])
 
 
-def train(
+def train_eyes(
     dataset: Dataset, recipe: Looking, seed: int, checkpoint: Checkpoint, report: Report
 ) -> tuple[dict, list[dict]]:
     """Train a sight, or go on from the latest checkpoint: the same to the bit.

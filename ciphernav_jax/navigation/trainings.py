@@ -15,7 +15,7 @@ from ciphernav_jax.navigation import classifier, features, folders, plain, sight
 from ciphernav_jax.navigation.classifier import CLASSIFIER, FreshClassifier
 from ciphernav_jax.navigation.folders import Trained, fingerprint
 from ciphernav_jax.navigation.methods import METHODS
-from ciphernav_jax.navigation.parties import cast
+from ciphernav_jax.navigation.owners import cast
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.samples import training_samples
 from ciphernav_jax.navigation.sight import Looking
@@ -38,7 +38,7 @@ def train_end_to_end(
     with files.claimed(folder):
         if folders.begin(folder, config):
             return folders.load(folder)[1]
-        navigator, curve = plain.train(
+        navigator, curve = plain.train_navigator(
             dataset, METHODS[name], recipe, seed, folders.checkpoint(folder, config), report
         )
         parts = nnx.to_pure_dict(nnx.state(navigator, nnx.Param))
@@ -118,7 +118,7 @@ def train_sight(dataset: Dataset, recipe: Looking, seed: int, folder: Path, repo
     with files.claimed(folder):
         if folders.begin(folder, config):
             return folders.result(folder, config, sight.initial(0))
-        weights, curve = sight.train(dataset, recipe, seed, folders.checkpoint(folder, config), report)
+        weights, curve = sight.train_eyes(dataset, recipe, seed, folders.checkpoint(folder, config), report)
         return folders.finish(folder, config, weights, curve)
 
 

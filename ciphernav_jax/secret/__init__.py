@@ -16,26 +16,26 @@
 - `rules`: one rule for each primitive.
 - `evaluator`: a jaxpr on secrets, equation by equation.
 - `call`: one call, as a value.
-- `programs`: what is compiled, let go before memory maps run out.
-- `secure`: `secure` and `deploy`.
-- `simulate`: floats to floats through the protocol, differentiable.
-- `cost`: rounds, bytes and correlated randomness of a function, from its trace.
-- `transcript`: every message of a call.
-- `view`: what parties see of a call, messages and all else.
-- `validate`: where a function loses range or resolution, line by line.
-- `audit`: the truncations of a call, and how many fail.
+- `compiled`: what is compiled, let go before memory maps run out.
+- `secured`: `secure` and `deploy`.
+- `simulating`: floats to floats through the protocol, differentiable.
+- `costs`: rounds, bytes and correlated randomness of a function, from its trace.
+- `transcripts`: every message of a call.
+- `views`: what parties see of a call, messages and all else.
+- `validation`: where a function loses range or resolution, line by line.
+- `auditing`: the truncations of a call, and how many fail.
 """
 
 from ciphernav_jax.secret.array import Secret, is_secret, reveal, share
-from ciphernav_jax.secret.audit import audit
-from ciphernav_jax.secret.cost import LAN, WAN, Cost, Network, cost
+from ciphernav_jax.secret.auditing import audit
+from ciphernav_jax.secret.costs import LAN, WAN, Cost, Network, cost
 from ciphernav_jax.secret.fresh import KeyReuseWarning
 from ciphernav_jax.secret.resharing import reshare
-from ciphernav_jax.secret.secure import deploy, secure
-from ciphernav_jax.secret.simulate import simulate
-from ciphernav_jax.secret.transcript import transcript
-from ciphernav_jax.secret.validate import Report, ValidationError, validate
-from ciphernav_jax.secret.view import View, view
+from ciphernav_jax.secret.secured import deploy, secure
+from ciphernav_jax.secret.simulating import simulate
+from ciphernav_jax.secret.transcripts import transcript
+from ciphernav_jax.secret.validation import Report, ValidationError, validate
+from ciphernav_jax.secret.views import View, view
 
 __all__ = [
     "LAN",

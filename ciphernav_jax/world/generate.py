@@ -34,7 +34,7 @@ class Generate:
     obstacle cells."""
 
 
-def run(args: Generate) -> None:
+def render(args: Generate) -> None:
     """Generates the data set and prints what it holds.
 
     Raises:

@@ -24,7 +24,7 @@ from ciphernav_jax.command_line import SEED, read
 from ciphernav_jax.files import write_json
 from ciphernav_jax.navigation import driving, features, folders, pictures
 from ciphernav_jax.navigation.features import Features
-from ciphernav_jax.navigation.parties import CAMERAS
+from ciphernav_jax.navigation.owners import CAMERAS
 from ciphernav_jax.navigation.rollout import Episodes, Outcome
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import Secret, share
@@ -122,7 +122,7 @@ def _top_bytes(secret: Secret) -> str:
     return base64.b64encode((np.asarray(secret.shares) >> np.uint64(56)).astype(np.uint8).tobytes()).decode()
 
 
-def run(seed: int, options: Pictures) -> None:
+def watch(seed: int, options: Pictures) -> None:
     """Drive, choose, and write RESULTS/episodes-SEED.json."""
     config, model = folders.load(options.out / "models" / f"{options.driver}-{seed}")
     parties = config["parties"] or PARTIES
@@ -152,4 +152,4 @@ def main() -> None:
     """Every seed asked for."""
     options = read(Pictures(), __doc__)
     for seed in options.seeds:
-        run(seed, options)
+        watch(seed, options)

@@ -40,19 +40,19 @@ from ciphernav_jax.learning.sgd import sgd_step
 from ciphernav_jax.navigation import classifier, driving, features, folders, policies, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.features import Features
-from ciphernav_jax.navigation.parties import CAMERAS, SLOTS
+from ciphernav_jax.navigation.owners import CAMERAS, SLOTS
 from ciphernav_jax.navigation.samples import Samples, start_headings, training_samples
 from ciphernav_jax.parties import sharing
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.secret import Secret, is_secret, secure, view
-from ciphernav_jax.secret.view import View
+from ciphernav_jax.secret.views import View
 from ciphernav_jax.world.grid import START
 from experiments.paper import attack, exact
 from experiments.paper.accuracy import ROWS
 from experiments.paper.attack import ATTACKERS, Words
 from experiments.paper.exact import Sight
 from experiments.paper.reconstruction import attacked, labels
-from experiments.paper.runs import TEST, TEST_SETS, TRAIN, Options, console, train, world
+from experiments.paper.runs import TEST, TEST_SETS, TRAIN, Options, console, train_row, world
 
 STEPS = 2
 PARTIES = (2, 5)
@@ -216,7 +216,7 @@ def own_runs(seed: int, options: Options) -> tuple[dict[str, Any], dict[str, flo
     for parties in PARTIES:
         began = time.perf_counter()
         row = known[f"secret-{parties}"]
-        config, model = folders.load(train(row, seed, known, options))
+        config, model = folders.load(train_row(row, seed, known, options))
         protocol, method = Protocol(**config["protocol"]), folders.sees(config)
         runs = {}
         for name, dataset in datasets.items():

@@ -52,7 +52,7 @@ from ciphernav_jax.world.scenario import COLOURS, OBSTACLE_CELLS, SHAPES
 from experiments.paper import attack
 from experiments.paper.accuracy import ROWS
 from experiments.paper.attack import ATTACKERS, Attacker, Floats
-from experiments.paper.runs import TEST, TRAIN, Options, console, train, world
+from experiments.paper.runs import TEST, TRAIN, Options, console, train_row, world
 
 CHECKED = 2000
 UNASKED = -1
@@ -303,7 +303,7 @@ def query(seed: int, options: Queries) -> tuple[dict[str, Any], dict[str, float]
         the attacks.
     """
     rows = {row.name: row for row in ROWS}
-    model = folders.load(train(rows[options.row], seed, rows, options))[1]
+    model = folders.load(train_row(rows[options.row], seed, rows, options))[1]
     weights = jax.tree.map(jnp.asarray, reveal(model.weights))
     environments, *others = datasets = [world(name, options) for name in ("train", "test", "validation")]
     began = time.perf_counter()

@@ -55,7 +55,7 @@ from ciphernav_jax.navigation.classifier import CLASSIFIER
 from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.folders import Trained
 from ciphernav_jax.navigation.methods import METHODS
-from ciphernav_jax.navigation.parties import CAMERAS
+from ciphernav_jax.navigation.owners import CAMERAS
 from ciphernav_jax.navigation.policies import best_action
 from ciphernav_jax.navigation.samples import start_headings, teacher_forced
 from ciphernav_jax.ring import keys
@@ -66,7 +66,7 @@ from ciphernav_jax.world.poses import LANES
 from experiments.paper import attack
 from experiments.paper.accuracy import FRESH, ROWS
 from experiments.paper.attack import ATTACKERS, Floats, Words
-from experiments.paper.runs import TEST, TRAIN, Options, console, train, world
+from experiments.paper.runs import TEST, TRAIN, Options, console, train_row, world
 
 BATCH = 4
 STEP_TRAIN = 4000
@@ -337,7 +337,7 @@ def reconstruct(seed: int, options: Options) -> tuple[dict[str, Any], dict[str, 
     datasets = world("train", options), world("test", options)
 
     def encoded(row: str) -> tuple[Trained, list[Features]]:
-        model = folders.load(train(rows[row], seed, rows, options))[1]
+        model = folders.load(train_row(rows[row], seed, rows, options))[1]
         return model, [model.encode(dataset, cameras) for dataset in datasets]
 
     def starts(seen: list[Features]) -> tuple[Rows, Rows]:

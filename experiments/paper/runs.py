@@ -32,7 +32,7 @@ from ciphernav_jax.learning.progress import bar
 from ciphernav_jax.navigation import classifier, driving, folders, metrics, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.methods import METHODS
-from ciphernav_jax.navigation.parties import cast
+from ciphernav_jax.navigation.owners import cast
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.policies import best_action
 from ciphernav_jax.navigation.rollout import Episodes, random_walk
@@ -256,7 +256,7 @@ def configured(row: Row, size: Size = FULL) -> dict[str, Any]:
     return {"row": asdict(row), **size._asdict()}
 
 
-def train(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> Path:
+def train_row(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> Path:
     """The training folder of a row, trained where it is not yet; its teacher before."""
     folder = options.out / "models" / f"{row.name}-{seed}"
     environments = world("train", options)
@@ -265,7 +265,7 @@ def train(row: Row, seed: int, teachers: dict[str, Row], options: Options) -> Pa
             trainings.train_end_to_end(environments, row.method, row.recipe, seed, folder, report)
     else:
         assert row.recipe is not None, "a random walk is not trained"
-        teacher = folders.load(train(teachers[row.teacher], seed, teachers, options))[1]
+        teacher = folders.load(train_row(teachers[row.teacher], seed, teachers, options))[1]
         with bar(f"{row.name}, seed {seed}") as report:
             trainings.train_classifier(environments, teacher, row.recipe, seed, folder, report, row.parties)
     return folder
@@ -280,7 +280,7 @@ def _driver(
     eyes, curve = _eyes(row.eyes, seed, options) if row.eyes else (None, [])
     if row.method == "alone":
         return functools.partial(_drive_alone, eyes=eyes), curve
-    folder = train(teachers[row.drives] if row.drives else row, seed, teachers, options)
+    folder = train_row(teachers[row.drives] if row.drives else row, seed, teachers, options)
     config, model = folders.load(folder)
 
     def drive(environments: Dataset) -> Episodes:

@@ -77,7 +77,7 @@ PEERS = (
 )
 
 
-def run(
+def run_worker(
     peers: Sequence[Peer],
     works: Sequence[Work],
     parties: Sequence[int],

@@ -3,7 +3,7 @@
 - `results`: what the JSON files hold, the runs of a row together; means and standard deviations over seeds.
 - `table`: a table as text, what rows are called, and which commands make them.
 - `driving`, `costs`, `attacks`, `engine`, `minutes`: each table.
-- `tables`: all of them.
+- `listing`: all of them.
 - `figures`: each figure.
 - `shown`: episodes, and what each party saw of one.
 - `page`: the page.

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ciphernav_jax.navigation import paper
-from ciphernav_jax.navigation.parties import SLOTS, cast
+from ciphernav_jax.navigation.owners import SLOTS, cast
 from ciphernav_jax.tables import Cells
-from experiments.report import figures, shown, tables
+from experiments.report import figures, listing, shown
 from experiments.report.figures import Picture
 from experiments.report.results import Document, Results, overall_accuracy, spread, truncations
 from experiments.report.table import Table, duration, script, title
@@ -92,7 +92,7 @@ SECTIONS = (
 
 def page(results: Results) -> str:
     """The whole page."""
-    parts = {table.name: _table(table) for table in tables.every(results)}
+    parts = {table.name: _table(table) for table in listing.every(results)}
     parts |= {picture.name: _figure(picture) for picture in figures.every(results)}
     parts |= {"player": _player(results), "episodes": _episodes(results)}
     links = "".join(f'<a href="#{section.name}">{section.title}</a>' for section in SECTIONS)

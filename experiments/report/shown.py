@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from ciphernav_jax.files import write_bytes, write_png
-from ciphernav_jax.navigation.parties import SLOTS, Party, cast
+from ciphernav_jax.navigation.owners import SLOTS, Party, cast
 from ciphernav_jax.navigation.pictures import WORDS, from_above
 from ciphernav_jax.navigation.rollout import Outcome
 from ciphernav_jax.world import topview

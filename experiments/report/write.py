@@ -12,7 +12,7 @@ from rich.console import Console
 
 from ciphernav_jax import files
 from ciphernav_jax.files import write_bytes, write_png, write_text
-from experiments.report import figures, page, results, shown, tables
+from experiments.report import figures, listing, page, results, shown
 from experiments.report.figures import DPI
 from experiments.report.results import Results
 
@@ -23,7 +23,7 @@ BLOCK = re.compile(r"(?<=<!-- report: )([\w-]+) -->\n(?:.*?\n)??(?=<!-- end -->)
 PICTURE = re.compile(r"!\[[^]]*\]\(([^)]+)\)")
 
 
-def run(folder: Path, out: Path, readme: Path | None = None) -> None:
+def write_report(folder: Path, out: Path, readme: Path | None = None) -> None:
     """Read the result files in `folder`, and write the report into `out`; fill the tables of a `readme`, and
     replace the pictures that it shows.
 
@@ -52,7 +52,7 @@ def run(folder: Path, out: Path, readme: Path | None = None) -> None:
 
 def _tried(alone: Results) -> None:
     """Reads all that the report reads of one document."""
-    for table in tables.every(alone):
+    for table in listing.every(alone):
         table.markdown()
     page.made_with(alone)
     for documents in alone.runs.values():
@@ -79,7 +79,7 @@ def markdown(found: Results) -> str:
     """All tables, each as a block that stands in a page between the same comments."""
     return "\n".join(
         f"## {table.title}\n\n<!-- report: {table.name} -->\n{table.markdown()}\n<!-- end -->\n"
-        for table in tables.every(found)
+        for table in listing.every(found)
     )
 
 
@@ -89,7 +89,7 @@ def filled(text: str, found: Results) -> str:
     Raises:
         ValueError: a block of a name that no table has.
     """
-    blocks = {table.name: table.markdown() for table in tables.every(found)}
+    blocks = {table.name: table.markdown() for table in listing.every(found)}
     if unknown := [name for name in BLOCK.findall(text) if name not in blocks]:
         raise ValueError(f"no table {', '.join(unknown)}; the tables are {', '.join(blocks)}")
     return BLOCK.sub(lambda block: f"{block[1]} -->\n{blocks[block[1]]}\n", text)

@@ -163,7 +163,7 @@ save(j.result, [1.0, 2.0, 4.0], [x @ y])
 
 
 def test_the_whole_bench(fake, tmp_path, capsys):
-    document = bench.run(
+    document = bench.benchmark(
         parties=[2],
         names=["product"],
         protocols=[Protocol(), Protocol(frac_bits=16)],
@@ -196,7 +196,7 @@ def test_the_whole_bench(fake, tmp_path, capsys):
 
 def run_peers(peer, tmp_path, parties=(2,), limit=60.0):
     work = [works(TINY)["product"]]
-    return peers.run([peer], work * 2, parties, tmp_path / "peers", None, limit, Console(quiet=True))
+    return peers.run_worker([peer], work * 2, parties, tmp_path / "peers", None, limit, Console(quiet=True))
 
 
 def test_what_is_finished_is_kept(fake, tmp_path):
@@ -255,4 +255,4 @@ def test_one_that_cannot_be_installed_is_said_so(fake, tmp_path):
 def test_what_cannot_be_measured_is_refused(asked, message, tmp_path):
     given = {"parties": [2], "names": ["relu"], "protocols": [Protocol()], "out": tmp_path} | asked
     with pytest.raises(ValueError, match=message):
-        bench.run(**given)
+        bench.benchmark(**given)

@@ -12,7 +12,7 @@ from ciphernav_jax.navigation import classifier, driving, policies, trainings
 from ciphernav_jax.navigation.classifier import FreshClassifier
 from ciphernav_jax.navigation.features import Features
 from ciphernav_jax.navigation.folders import Trained
-from ciphernav_jax.navigation.parties import CAMERAS, SLOTS
+from ciphernav_jax.navigation.owners import CAMERAS, SLOTS
 from ciphernav_jax.navigation.samples import Samples
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import is_secret, share

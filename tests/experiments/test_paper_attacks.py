@@ -9,7 +9,7 @@ from ciphernav_jax import files
 from ciphernav_jax.models.encoders import MAP_FEATURES, VIEW_FEATURES
 from ciphernav_jax.navigation import classifier
 from ciphernav_jax.navigation.features import Features
-from ciphernav_jax.navigation.parties import CAMERAS, SLOTS
+from ciphernav_jax.navigation.owners import CAMERAS, SLOTS
 from ciphernav_jax.parties import sharing
 from ciphernav_jax.secret import share
 from ciphernav_jax.world.grid import CELLS, DOWN, LEFT, RIGHT, STOP, WALLS

@@ -47,7 +47,7 @@ def test_a_secret_row_is_written_whole_and_only_once(small, monkeypatch):
     for name in runs.TEST_SETS:
         assert metrics.overall(document["results"][name]["counts"])["trials"] == 40
 
-    monkeypatch.setattr(runs, "train", None)  # not asked for again
+    monkeypatch.setattr(runs, "train_row", None)  # not asked for again
     assert runs.run_row(SECRET, 0, {}, small) == document
     other = dataclasses.replace(SECRET, recipe=FreshClassifier(steps=6, batch=16, chunk=2))
     with pytest.raises(ValueError, match="another configuration"):

@@ -19,11 +19,11 @@ from experiments.report import (
     driving,
     engine,
     figures,
+    listing,
     minutes,
     page,
     results,
     shown,
-    tables,
     write,
 )
 from experiments.report.table import duration
@@ -342,7 +342,7 @@ def test_runs_that_do_the_same_are_all_seen(loaded):
 
 def test_what_is_missing_is_said_with_the_command_that_makes_it(tmp_path):
     found = results.load(tmp_path)
-    for table in tables.every(found):
+    for table in listing.every(found):
         assert not table.rows
         assert table.missing
         assert "|" not in table.markdown()
@@ -399,7 +399,7 @@ class Links(HTMLParser):
 
 
 def test_the_page_loads_nothing(folder):
-    write.run(folder, folder / "out")
+    write.write_report(folder, folder / "out")
     text = (folder / "out" / "report.html").read_text()
     links = Links()
     links.feed(text)
@@ -433,7 +433,7 @@ def test_the_page_says_a_thing_once_and_folds_nothing(loaded):
 
 
 def test_the_files_are_whole(folder):
-    write.run(folder, folder / "out")
+    write.write_report(folder, folder / "out")
     made = {path.name for path in (folder / "out").iterdir()}
     assert {"report.html", "paper.md", "overall.png", "curves.png", "episodes.png", "episode.gif"} <= made
     assert "noise.png" in made
@@ -453,7 +453,7 @@ def test_a_readmes_blocks_are_filled_with_its_tables(folder):
         "Before\n<!-- report: bounds -->\n<!-- end -->\nand\n<!-- report: cost -->\nold\n<!-- end -->\n"
     )
     loaded = results.load(folder)
-    write.run(folder, folder / "out", readme)
+    write.write_report(folder, folder / "out", readme)
     expected = "\n".join(
         f"{text}\n<!-- report: {found.name} -->\n{found.markdown()}\n<!-- end -->"
         for text, found in (("Before", driving.bounds(loaded)), ("and", costs.cost(loaded)))

@@ -60,7 +60,7 @@ def test_a_finished_one_is_read_back_and_a_killed_one_goes_on(world, learned, tm
         trainings.train_sight(world, Looking(steps=180, batch=200, chunk=60), 0, folder, silent)
 
     with pytest.raises(Killed):
-        sight.train(world, RECIPE, 0, Checkpoint(tmp_path / "checkpoint.npz"), killed_after_first)
-    resumed, curve = sight.train(world, RECIPE, 0, Checkpoint(tmp_path / "checkpoint.npz"), silent)
+        sight.train_eyes(world, RECIPE, 0, Checkpoint(tmp_path / "checkpoint.npz"), killed_after_first)
+    resumed, curve = sight.train_eyes(world, RECIPE, 0, Checkpoint(tmp_path / "checkpoint.npz"), silent)
     assert len(curve) == 2
     assert_same(resumed, weights)

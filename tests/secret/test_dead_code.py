@@ -8,7 +8,7 @@ from jax import lax
 
 import ciphernav_jax as cn
 
-from .test_cost import shares
+from .test_costs import shares
 
 pytestmark = pytest.mark.newest_jax
 

@@ -12,7 +12,7 @@ from ciphernav_jax import files
 from ciphernav_jax.files import BusyError, DamagedError
 from ciphernav_jax.world import dataset, planner, shards
 from ciphernav_jax.world.environment import ObstacleWorld
-from ciphernav_jax.world.generate import Generate, run
+from ciphernav_jax.world.generate import Generate, render
 from ciphernav_jax.world.grid import WALLS
 from ciphernav_jax.world.journal import Journal
 from ciphernav_jax.world.poses import CAMERAS
@@ -148,7 +148,7 @@ def test_a_finished_folder_is_kept_and_a_foreign_one_refused(arguments, small_fo
 
 def test_unseen_set_by_the_command(small, small_folder, tmp_path, capsys):
     out = tmp_path / "unseen"
-    run(Generate(out=out, split="test", count=6, unseen_by=small_folder, workers=1))
+    render(Generate(out=out, split="test", count=6, unseen_by=small_folder, workers=1))
     unseen = dataset.load(out)
     assert not unseen.pairs() & small.pairs()
     assert unseen.meta["unseen_by"]

@@ -18,7 +18,7 @@ import ciphernav_jax as cn
 from ciphernav_jax import ring
 from ciphernav_jax.parties.messages import Opening
 from ciphernav_jax.secret import view
-from ciphernav_jax.secret.cost import Cost
+from ciphernav_jax.secret.costs import Cost
 
 from ..patience import PATIENCE_S
 from .message_process import PARTIES, calls

@@ -256,7 +256,7 @@ def test_masks_are_no_loss():
 
 
 def test_a_public_number_that_is_not_usable_raises_as_the_step_does():
-    with pytest.raises(ValueError, match=r"test_validate\.py"):
+    with pytest.raises(ValueError, match=r"test_validation\.py"):
         report_of(lambda x, n: x / n, BIG, jnp.float64(0))
 
 
@@ -334,7 +334,7 @@ def test_the_papers_classifier_loses_nothing():
 
 def test_strict_raises_and_names_the_line():
     with pytest.raises(
-        cn.ValidationError, match=rf"test_validate.py:{line('range: straight')} .*214 %"
+        cn.ValidationError, match=rf"test_validation.py:{line('range: straight')} .*214 %"
     ) as raised:
         report_of(straight, BIG, 3, strict=True)
     assert raised.value.report.first.primitive == "mul"

@@ -390,7 +390,7 @@ def secret(parties=2, **protocol):
 
 
 def test_an_unsupported_primitive_names_itself_its_line_and_a_way_out():
-    with pytest.raises(NotImplementedError, match=r"`exp`.*test_secure\.py:\d+.*polynomial"):
+    with pytest.raises(NotImplementedError, match=r"`exp`.*test_secured\.py:\d+.*polynomial"):
         cn.secure(lambda x: jnp.exp(x))(jax.random.key(0), secret())
 
 

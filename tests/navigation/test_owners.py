@@ -1,6 +1,6 @@
 import pytest
 
-from ciphernav_jax.navigation.parties import CAMERAS, SLOTS, cast, statement
+from ciphernav_jax.navigation.owners import CAMERAS, SLOTS, cast, statement
 
 
 def test_two_parties_are_the_robot_and_one_owner_of_all_cameras():

@@ -11,8 +11,8 @@ from jax import Array
 from ciphernav_jax.parties import sharing
 from ciphernav_jax.parties.dealer import deal
 from ciphernav_jax.parties.recording import Message
-from ciphernav_jax.secret.programs import Compiled
-from ciphernav_jax.secret.secure import Secure, require_step
+from ciphernav_jax.secret.compiled import Compiled
+from ciphernav_jax.secret.secured import Secure, require_step
 
 
 class Seen(NamedTuple):

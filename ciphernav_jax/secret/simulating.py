@@ -13,7 +13,7 @@ from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.protocols.suite import chosen
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret.array import reveal, share_all
-from ciphernav_jax.secret.secure import secure
+from ciphernav_jax.secret.secured import secure
 
 
 def simulate(

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import ciphernav_jax as cn
-from ciphernav_jax.secret import programs
+from ciphernav_jax.secret import compiled
 
 pytestmark = [
     pytest.mark.newest_jax,
-    pytest.mark.skipif(not programs.MAPS.exists(), reason="no memory maps to count here"),
+    pytest.mark.skipif(not compiled.MAPS.exists(), reason="no memory maps to count here"),
 ]
 
 X = np.arange(4.0)
@@ -28,15 +28,15 @@ def secret():
 @pytest.fixture(autouse=True)
 def alone(monkeypatch):
     """The programs of other tests are not looked at."""
-    monkeypatch.setattr(programs, "_by_last_call", type(programs._by_last_call)())
-    monkeypatch.setattr(programs, "_kept", 0)
+    monkeypatch.setattr(compiled, "_by_last_call", type(compiled._by_last_call)())
+    monkeypatch.setattr(compiled, "_kept", 0)
 
 
 @pytest.fixture
 def allow(tmp_path, monkeypatch):
     """allow(n): a process may have n memory maps."""
     file = tmp_path / "max_map_count"
-    monkeypatch.setattr(programs, "ALLOWED", file)
+    monkeypatch.setattr(compiled, "ALLOWED", file)
     return lambda maps: file.write_text(f"{maps}\n")
 
 
@@ -49,7 +49,7 @@ def counts(monkeypatch):
         asked.append(answers.pop(0) if len(answers) > 1 else answers[0])
         return asked[-1]
 
-    monkeypatch.setattr(programs, "_count", count)
+    monkeypatch.setattr(compiled, "_count", count)
     return answers, asked
 
 
@@ -124,14 +124,14 @@ def through_the_protocol(factor):
 def test_a_process_lives_with_few_maps(of_its_own, secret, allow, caplog):
     functions = [of_its_own(float(factor)) for factor in range(6)]
     functions[0](secret)
-    before = programs._count()
+    before = compiled._count()
     functions[1](secret)
-    each = programs._count() - before
+    each = compiled._count() - before
     assert each > 10  # otherwise it says nothing
     allow(2 * (before + 2 * each))
     for factor, function in enumerate(functions[2:], 2):
         np.testing.assert_allclose(function(secret), factor * X**2, atol=1e-4)
-        assert programs._count() < before + 4 * each
+        assert compiled._count() < before + 4 * each
     assert caplog.records
 
 
@@ -162,6 +162,6 @@ def test_what_runs_is_kept_until_it_ends(secret, allow, counts, caplog):
 
 
 def test_where_no_maps_can_be_counted_nothing_is_done(secret, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(programs, "MAPS", tmp_path / "none")
+    monkeypatch.setattr(compiled, "MAPS", tmp_path / "none")
     scaled(2.0)(secret)
     assert not caplog.records

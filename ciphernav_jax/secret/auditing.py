@@ -6,8 +6,8 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from ciphernav_jax.secret.programs import Compiled
-from ciphernav_jax.secret.secure import Secure, require_step
+from ciphernav_jax.secret.compiled import Compiled
+from ciphernav_jax.secret.secured import Secure, require_step
 from ciphernav_jax.secret.witness import Witness
 
 

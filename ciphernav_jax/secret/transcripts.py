@@ -6,8 +6,8 @@ from typing import Any
 from jax import Array
 
 from ciphernav_jax.parties.recording import Message
-from ciphernav_jax.secret.programs import Compiled
-from ciphernav_jax.secret.secure import Secure, require_step
+from ciphernav_jax.secret.compiled import Compiled
+from ciphernav_jax.secret.secured import Secure, require_step
 
 
 def transcript(step: Secure) -> Callable[..., tuple[Any, tuple[Message, ...]]]:

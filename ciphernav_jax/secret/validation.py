@@ -15,10 +15,10 @@ from rich.table import Table
 from ciphernav_jax.jax_private import Tracer
 from ciphernav_jax.protocols.truncate import VARIANTS
 from ciphernav_jax.secret.arguments import Arguments
+from ciphernav_jax.secret.compiled import Compiled
 from ciphernav_jax.secret.findings import Findings
 from ciphernav_jax.secret.places import Place
-from ciphernav_jax.secret.programs import Compiled
-from ciphernav_jax.secret.secure import Secure, require_step
+from ciphernav_jax.secret.secured import Secure, require_step
 from ciphernav_jax.secret.witness import LOST, RANGE_BITS, Notes, Site, Witness
 
 

@@ -19,7 +19,7 @@ from ciphernav_jax.parties.repeat import OnCall, Repeated
 from ciphernav_jax.parties.requests import Request
 from ciphernav_jax.parties.run import one_partys_jaxpr, online
 from ciphernav_jax.secret.array import is_secret
-from ciphernav_jax.secret.secure import Secure, require_step
+from ciphernav_jax.secret.secured import Secure, require_step
 
 # Bytes.
 WORD = 8

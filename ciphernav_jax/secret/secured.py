@@ -20,9 +20,9 @@ from ciphernav_jax.ring.fixed_point import require_x64
 from ciphernav_jax.secret import fresh, inside
 from ciphernav_jax.secret.arguments import Arguments, given
 from ciphernav_jax.secret.call import Call, call
+from ciphernav_jax.secret.compiled import Compiled
 from ciphernav_jax.secret.findings import Findings
 from ciphernav_jax.secret.places import Place, of_function
-from ciphernav_jax.secret.programs import Compiled
 from ciphernav_jax.secret.witness import Notes, Witness
 
 
