@@ -1,6 +1,6 @@
 """Digests of what calls compute and send: of shares, messages, costs and results, bit for bit.
 
-    python -m tests.secret.digests 2 > tests/secret/digests.json    # of two parties; six minutes
+    python -m tests.secret.digests > tests/secret/digests.json    # of 2, 3 and 5 parties; twenty minutes
 
 They hold a rebuilding of the engine to its bits. Record them anew only with a change of what is dealt,
 computed or sent, and say why in its commit. Functions are traced as ever and evaluated one operation at a
