@@ -121,7 +121,12 @@ def fail(error):
 def test_every_end_is_one_line_and_has_its_code(monkeypatch, capsys, happens, code, message):
     before = signal.getsignal(signal.SIGTERM)
     monkeypatch.setattr(cli, "_run", lambda command: happens())
-    assert run(monkeypatch, "demo") == code
+    # A shell has what it starts in the background ignore an interrupt.
+    interrupts = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert run(monkeypatch, "demo") == code
+    finally:
+        signal.signal(signal.SIGINT, interrupts)
     error = capsys.readouterr().err
     assert error.startswith("ciphernav: ")
     assert message in error

@@ -50,7 +50,7 @@ def test_in_float64_it_is_gradient_descent_with_momentum():
     expected = []
     for _ in range(3):
         loss, gradient = jax.value_and_grad(error)(weights)
-        velocity = jax.tree.map(lambda v, g: 0.9 * v - RECIPE.scale * g, velocity, gradient)
+        velocity = jax.tree.map(lambda v, g: 0.9 * v - RECIPE.scale(5) * g, velocity, gradient)
         weights = jax.tree.map(jax.numpy.add, weights, velocity)
         expected.append(float(loss))
     np.testing.assert_allclose(found, expected, rtol=1e-4)  # those of float32
