@@ -3,7 +3,7 @@
 import functools
 import hashlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,8 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from ciphernav_jax.jax_private import ClosedJaxpr, Jaxpr, Literal
+from ciphernav_jax.parties.jaxprs import opened_up
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import is_secret, share
@@ -181,11 +183,22 @@ def _digest(traced: list[Any], args: tuple[Any, ...], public: tuple[int, ...]) -
     found = hashlib.sha256(repr(public).encode())
     for jaxpr in traced:
         found.update(ADDRESS.sub("", str(jaxpr)).encode())
-        for x in jaxpr.consts:
+        for x in _constants(jaxpr):
             found.update(_bytes(x))
     for path, x in jax.tree_util.tree_leaves_with_path(args):
         found.update(jax.tree_util.keystr(path).encode() + _bytes(x))
     return found.hexdigest()
+
+
+def _constants(jaxpr: Any) -> Iterator[Any]:
+    """What a program closes over, itself or in a function that it calls."""
+    opened, constants = opened_up(jaxpr)
+    yield from constants
+    for eqn in opened.eqns:
+        yield from (x.val for x in eqn.invars if isinstance(x, Literal))
+        for value in jax.tree.leaves(list(eqn.params.values())):
+            if isinstance(value, Jaxpr | ClosedJaxpr):
+                yield from _constants(value)
 
 
 def _bytes(x: Any) -> bytes:

@@ -7,12 +7,12 @@ from typing import Any
 
 import jax
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ciphernav_jax.learning.sgd import Sgd
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
-from ciphernav_jax.secret import share
+from ciphernav_jax.secret import is_secret, share
 
 ANSWERS = "labels"
 
@@ -23,17 +23,39 @@ class Column:
 
     Attributes:
         owner: the party that has it in the clear; it alone.
-        values: float[rows, ...].
+        values: float[rows, ...]; integers and bools, too.
         rows: int[samples], the row of each sample, where several samples have the same one; public. None
             where each has a row of its own.
     """
 
     owner: str
-    values: ArrayLike
+    values: Any
     rows: NDArray[np.integer] | None = None
 
+    def __post_init__(self):
+        if is_secret(self.values):
+            raise TypeError(
+                "a column is what its owner has in the clear; it is shared as the training begins"
+            )
+        if not isinstance(self.owner, str):
+            raise TypeError(f"an owner is known by a name, not by {self.owner!r}")
+        if not isinstance(self.values, jax.Array):
+            object.__setattr__(self, "values", np.asarray(self.values))
+        if self.values.ndim == 0:
+            raise ValueError("a column has a row for each sample; this is a single number")
+        if self.rows is None:
+            return
+        rows, count = np.asarray(self.rows), len(self.values)
+        object.__setattr__(self, "rows", rows)
+        if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer):
+            raise ValueError(f"rows are int[samples], not {rows.dtype}{list(rows.shape)}")
+        if rows.size and not 0 <= rows.min() <= rows.max() < count:
+            raise ValueError(
+                f"rows lie in 0..{count - 1}, those of the values; these in {rows.min()}..{rows.max()}"
+            )
+
     def __len__(self) -> int:
-        return len(np.asarray(self.values) if self.rows is None else self.rows)
+        return len(self.values if self.rows is None else self.rows)
 
     def at(self, samples: NDArray[np.integer]) -> NDArray[np.integer]:
         """The rows of these samples."""

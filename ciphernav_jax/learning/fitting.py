@@ -8,19 +8,21 @@ a chunk of steps, and how many samples of the chunk's last batch are answered ri
 import functools
 import time
 from collections.abc import Callable, Sized
+from dataclasses import asdict
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ciphernav_jax import files
 from ciphernav_jax.learning.columns import SplitTable, picked
 from ciphernav_jax.learning.progress import Report
 from ciphernav_jax.learning.sgd import Model, Sgd, count_right, sgd_step
-from ciphernav_jax.learning.storage import Checkpoint
+from ciphernav_jax.learning.storage import Checkpoint, fingerprint
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
-from ciphernav_jax.secret import Secret, audit, reveal, secure, share
+from ciphernav_jax.secret import Secret, audit, fresh, reveal, secure, share
 
 
 def fit(
@@ -48,17 +50,25 @@ def fit(
         parties: how many share the secrets; None trains in plaintext.
         protocol: the variants; None for the default.
         checkpoint: kept after the latest chunk of steps; of a secret it holds the shares. None keeps nothing.
+            That of other arguments is refused, but for `predict`, which nobody can compare.
         report: called after each chunk.
 
     Returns:
         The weights, secret if there are parties, and the curve: for each chunk a dict of step, mean
-        loss, accuracy on its last batch in percent, after its update, and the seconds that it took; in
+        loss, accuracy on its last batch in percent, after its update (of a single output there is none), and
+        the seconds that it took; in
         `compile_seconds`, what compiling took before it. Of a secret training the sum of a chunk's losses
         and that count of right answers are opened, nothing else; truncations, and how many of them failed,
         are what the simulation knows besides (`secret.audit`).
 
     Raises:
-        ValueError: fewer than two parties, or fewer than owners; a batch of more samples than there are.
+        ValueError: fewer than two parties, or fewer than owners; a batch of more samples than there are; what
+            `predict` gives, or an answer, is not float[batch, outputs].
+        TypeError: no key.
+        DamagedError: the checkpoint is not what was written, or another training's.
+
+    Warns:
+        KeyReuseWarning: the key was given to another training in secret.
 
     Example:
         >>> import jax, jax.numpy as jnp, numpy as np
@@ -77,10 +87,19 @@ def fit(
         (2, [20, 40], True)
     """
     require_batch(recipe, table)
+    _require_outputs(model, weights, table, recipe.batch)
+    _require_key(key)
     state, data = at_start(weights), table.values
     dtype = jnp.result_type(*jax.tree.leaves((weights, data)))
     protocol = None if parties is None else protocol or Protocol()
+    if checkpoint is not None:
+        how = {"seed": seed, "parties": parties, "protocol": protocol and asdict(protocol)}
+        rows = [column.rows for column in (*table.columns.values(), table.answers)]
+        hidden = fingerprint((jax.random.key_data(keys.typed(key)), weights, data, rows))
+        checkpoint = checkpoint.also(files.canonical(how | {"recipe": asdict(recipe), "hidden": hidden}))
     if parties is not None:
+        how = (model, recipe, seed, parties, protocol)
+        fresh.of_each_call(key, (weights, data), "fit", how=how)
         state, data = share_at_start(key, weights, table, parties, protocol)
 
     done, curve = 0, []
@@ -105,8 +124,9 @@ def fit(
         point = {
             "step": done,
             "loss": float(reveal(total)) / (len(steps) * recipe.batch * model.outputs),
-            "accuracy": 100 * float(reveal(right)) / recipe.batch,
         }
+        if model.outputs > 1:
+            point["accuracy"] = 100 * float(reveal(right)) / recipe.batch
         if parties is not None:
             point |= dict(zip(("truncations", "failed"), map(int, truncations), strict=True))
         began, seconds = time.perf_counter(), time.perf_counter() - began
@@ -125,6 +145,27 @@ def require_batch(recipe: Sgd, samples: Sized) -> None:
             f"a batch of {recipe.batch:,} is more than the {len(samples):,} samples that there are; choose a "
             "smaller batch, or a larger data set"
         )
+
+
+def _require_outputs(model: Model, weights: Any, table: SplitTable, batch: int) -> None:
+    """Raises ValueError where outputs and answers would be broadcast against one another."""
+    shapes = [
+        jax.ShapeDtypeStruct((batch, *x.shape[1:]), x.dtype)
+        for x in (column.values for column in (*table.columns.values(), table.answers))
+    ]
+    *columns, answers = shapes
+    found = jax.eval_shape(model.predict, weights, tuple(columns))
+    for what, shape in (("predict gives", found.shape), ("an answer is", answers.shape)):
+        if shape != (batch, model.outputs):
+            raise ValueError(
+                f"{what} float{list(shape)} for a batch of {batch}, and not [{batch}, {model.outputs}], as "
+                f"outputs={model.outputs} says"
+            )
+
+
+def _require_key(key: Any) -> None:
+    if not isinstance(key, jax.Array):
+        raise TypeError(f"key is a random key, jax.random.key(seed), and not a {type(key).__name__}")
 
 
 @functools.partial(jax.jit, static_argnames=("model", "recipe", "protocol"), donate_argnames="state")
@@ -156,6 +197,8 @@ def _run(
 
     (state, truncations), _ = jax.lax.scan(body, (state, NO_TRUNCATIONS), batches)
     last, _, rows = jax.tree.map(lambda each: each[-1], batches)
+    if model.outputs == 1:
+        return state, None, truncations
     right, more = count(keys.derive(key, "right answers", last), state[0], *picked(data, rows))
     return state, right, jax.tree.map(jnp.add, truncations, more)
 

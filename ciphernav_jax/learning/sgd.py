@@ -19,6 +19,8 @@ class Model:
         predict: `predict(weights, columns)`, a function of a pytree of weights and of a tuple of arrays, one
             for each column, with a row for each sample: the outputs, float[n, outputs].
         outputs: how many there are; an answer is as many numbers, the class's 1 among zeros, say.
+
+    What `predict` reads besides is read when it is compiled: once for each model, recipe and protocol.
     """
 
     predict: Callable[[Any, tuple], jax.Array]
@@ -27,7 +29,11 @@ class Model:
 
 @dataclass(frozen=True)
 class Sgd:
-    """How to train."""
+    """How to train.
+
+    Raises:
+        ValueError: for what is out of range.
+    """
 
     steps: int = 1060
     """Steps, a batch each."""
@@ -41,6 +47,18 @@ class Sgd:
     """Whether the learning rate falls to 0 in a straight line, or stays."""
     chunk: int = 53
     """Steps between checkpoints; they run as one compiled loop."""
+
+    def __post_init__(self):
+        for name, least in (("steps", 0), ("batch", 1), ("chunk", 1)):
+            value = getattr(self, name)
+            if not isinstance(value, int | np.integer) or value < least:
+                raise ValueError(f"{name} is an integer from {least} on, not {value!r}")
+        if not 0 < self.learning_rate < np.inf:
+            raise ValueError(f"learning_rate is above 0 and finite, not {self.learning_rate!r}")
+        if not 0 <= self.momentum < 1:
+            raise ValueError(f"momentum lies in [0, 1), not at {self.momentum!r}")
+        if self.schedule not in ("linear", "constant"):
+            raise ValueError(f'schedule is "linear" or "constant", not {self.schedule!r}')
 
     def scale(self, outputs: int) -> float:
         """What the gradient of the summed loss is multiplied by: a power of two.

@@ -1,5 +1,6 @@
 """Pytrees of arrays in files: a training's result, and its latest state."""
 
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -37,6 +38,14 @@ def load_tree(path: Path, like: Any, of: str = "", remedy: str = REMEDY) -> tupl
     return jax.tree.unflatten(structure, found), stored
 
 
+def fingerprint(tree: Any) -> str:
+    """The SHA-256 of a pytree's arrays, one after the other; of secrets, of their shares."""
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves(tree, is_leaf=is_secret):
+        digest.update(np.asarray(_array(leaf)).tobytes())
+    return digest.hexdigest()
+
+
 def _array(leaf: Any) -> Any:
     return leaf.shares if is_secret(leaf) else leaf
 
@@ -55,6 +64,10 @@ class Checkpoint:
     def __init__(self, path: Path, of: str = ""):
         self._path, self._of = path, of
 
+    def also(self, of: str) -> "Checkpoint":
+        """The same file, of a training that this decides, too."""
+        return Checkpoint(self._path, self._of + of)
+
     def save(self, step: int, state: Any, curve: list[dict]) -> None:
         """Replace the checkpoint; killed at any moment, there is the old one or the new one."""
         text = np.frombuffer(json.dumps(curve).encode(), np.uint8)
@@ -68,6 +81,8 @@ class Checkpoint:
         """
         if not self._path.exists():
             return 0, fresh, []
-        remedy = f"remove {self._path.parent} and train anew"
+        remedy = (
+            f"remove {self._path.parent} and train anew, or name another file if it is another training's"
+        )
         state, more = load_tree(self._path, fresh, self._of, remedy)
         return int(more["step"]), state, json.loads(more["curve"].tobytes())

@@ -7,8 +7,9 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from ciphernav_jax.learning.storage import fingerprint
 from ciphernav_jax.navigation import features, sight
-from ciphernav_jax.navigation.folders import Trained, fingerprint, key_of, sees
+from ciphernav_jax.navigation.folders import Trained, key_of, sees
 from ciphernav_jax.navigation.owners import cast
 from ciphernav_jax.navigation.policies import plain_policy, secret_policy
 from ciphernav_jax.navigation.rollout import Careful, Episodes, Policy, rollout

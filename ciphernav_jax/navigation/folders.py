@@ -9,13 +9,11 @@ Of a robot's sight, `model.npz` holds the weights alone. All are checked when th
 of another training does not pass for this one's, and one that is missing is not replaced.
 """
 
-import hashlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 from flax import nnx
 
 from ciphernav_jax import __version__, files
@@ -110,14 +108,6 @@ def key_of(seed: int, what: str, how: dict, dataset: Dataset) -> jax.Array:
     two trainings, or two drives, that differ in anything have no mask in common.
     """
     return keys.derive(keys.root(seed), what, files.canonical(how), files.canonical(dataset.meta))
-
-
-def fingerprint(arrays: Any) -> str:
-    """The SHA-256 of a pytree's arrays, one after the other."""
-    digest = hashlib.sha256()
-    for leaf in jax.tree.leaves(arrays):
-        digest.update(np.asarray(leaf).tobytes())
-    return digest.hexdigest()
 
 
 def begin(folder: Path, config: dict) -> bool:

@@ -11,9 +11,10 @@ from ciphernav_jax import files
 from ciphernav_jax.learning import fit
 from ciphernav_jax.learning.fitting import require_batch
 from ciphernav_jax.learning.progress import Report
+from ciphernav_jax.learning.storage import fingerprint
 from ciphernav_jax.navigation import classifier, features, folders, plain, sight
 from ciphernav_jax.navigation.classifier import CLASSIFIER, FreshClassifier
-from ciphernav_jax.navigation.folders import Trained, fingerprint
+from ciphernav_jax.navigation.folders import Trained
 from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.owners import cast
 from ciphernav_jax.navigation.plain import EndToEnd

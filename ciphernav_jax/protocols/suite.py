@@ -63,6 +63,10 @@ class Protocol:
     generator: Generator = "threefry"
 
     def __post_init__(self):
+        for name in ("frac_bits", "range_bits"):
+            bits = getattr(self, name)
+            if type(bits) is not int and (bits is not None or name == "frac_bits"):
+                raise ValueError(f"{name} is a number of bits, an int, and not {bits!r}")
         if not 1 <= self.frac_bits <= 30:
             raise ValueError(f"frac_bits must lie in 1..30, got {self.frac_bits}")
         if self.range_bits is not None and not 0 <= self.range_bits <= 62 - 2 * self.frac_bits:

@@ -213,6 +213,7 @@ def _leak(what: str) -> str:
     seen = {
         "share": "whoever holds shares of both sees the difference of the values",
         "step": "what is opened in both calls shows differences of the secrets",
+        "fit": "what is opened in both trainings shows differences of the secrets",
     }
     return (
         f"the same key is given to {_called(what)} a second time, with something else to hide: {seen[what]}. "

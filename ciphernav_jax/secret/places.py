@@ -53,7 +53,8 @@ def place(eqn: JaxprEqn, outside: Place) -> Place:
 
 
 def _of_user(file: str) -> bool:
-    return not (file.startswith((_ENGINE, _STANDARD)) or _INSTALLED & {*Path(file).parts})
+    # What Python runs without a file, its importing say, is written <frozen NAME>.
+    return not (file.startswith((_ENGINE, _STANDARD, "<frozen ")) or _INSTALLED & {*Path(file).parts})
 
 
 def of_function(function: Callable[..., Any]) -> Place:

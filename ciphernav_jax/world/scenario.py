@@ -178,13 +178,16 @@ def check(
 
 def _distinct(numbers: Any, among: Container[int]) -> bool:
     """Whether it is one of these integers, or several of them, none twice."""
-    found = np.atleast_1d(numbers).tolist()
+    found = np.atleast_1d(numbers)
+    if found.ndim > 1 or found.dtype == object:
+        return False
+    found = found.tolist()
     return len(found) == len(set(found)) and all(type(n) is int and n in among for n in found)
 
 
 def _draw_layout(rng: np.random.Generator, layout: int | tuple[int, ...] | None) -> int:
-    if isinstance(layout, int | np.integer):
-        return int(layout)
+    if layout is not None and np.ndim(layout) == 0:
+        return int(np.asarray(layout))
     likely = LAYOUT_PROBABILITIES
     if layout is not None:
         likely = np.where(np.isin(np.arange(len(WALLS)), layout), likely, 0)
@@ -195,10 +198,10 @@ def _draw_layout(rng: np.random.Generator, layout: int | tuple[int, ...] | None)
 def _draw_cells(rng: np.random.Generator, obstacles: int | tuple[int, ...] | None) -> tuple[int, ...]:
     if obstacles is None:
         count = 1 + int(rng.choice(MAX_OBSTACLES, p=COUNT_PROBABILITIES))
-    elif isinstance(obstacles, int | np.integer):
-        count = int(obstacles)
+    elif np.ndim(obstacles) == 0:
+        count = int(np.asarray(obstacles))
     else:
-        return tuple(obstacles)
+        return tuple(map(int, np.asarray(obstacles)))
     return tuple(rng.choice(OBSTACLE_CELLS, size=count, replace=False).tolist())
 
 

@@ -38,6 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ciphernav_jax.command_line import read
+from ciphernav_jax.learning.storage import fingerprint
 from ciphernav_jax.models.classifier import ACTIONS
 from ciphernav_jax.navigation import features, folders
 from ciphernav_jax.navigation.features import Features
@@ -165,7 +166,7 @@ def agreement(weights: Any, seen: Features, eyes: Eyes, answers: Answers, seed: 
     asked = np.argwhere(answers != UNASKED)
     env, *question = asked[np.random.default_rng(seed).choice(len(asked), CHECKED)].T
     slots = slots_of(seen, eyes, env, tuple(question))
-    key = keys.derive(keys.root(seed), "questions", folders.fingerprint((weights, slots)))
+    key = keys.derive(keys.root(seed), "questions", fingerprint((weights, slots)))
     slots = share(key, slots, parties=2)
     secret = np.asarray(reveal(secure(best_action)(key, weights, slots)))
     return attack.score(int(np.sum(secret == answers[env, *question])), CHECKED)

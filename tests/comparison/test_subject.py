@@ -107,3 +107,21 @@ def test_a_function_of_another_derivative_is_another_one():
 def test_arguments_that_cannot_be_compared_are_refused(args, public, error, message):
     with pytest.raises(error, match=message):
         subject(lambda x: x, args, public)
+
+
+@pytest.mark.parametrize("gradients", [True, False])
+@pytest.mark.parametrize(
+    "within",
+    [
+        lambda b: lambda x: x + b,
+        lambda b: lambda x: jax.jit(lambda y: y + b)(x),
+        lambda b: lambda x: jax.jit(lambda y: jax.jit(lambda z: z * b)(y))(x),
+        lambda b: lambda x: lax.scan(lambda c, _: (jax.jit(lambda y: y + b)(c), None), x, length=2)[0],
+        lambda b: lambda x: lax.cond(x[0] > 9, lambda x: x, lambda x: x + b, x),
+    ],
+)
+def test_what_a_function_closes_over_tells_it_from_others(within, gradients):
+    b = np.linspace(0, 1, 2000)
+    x = np.ones(2000)
+    one, same, other = (subject(within(c), (x,), (), gradients).digest for c in (b, b.copy(), 1000 * b))
+    assert one == same != other

@@ -1,5 +1,7 @@
 """A network on a table that is split vertically: the same in secret as in the clear, and gone on with."""
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -132,13 +134,12 @@ def test_in_float64_too():
 
 
 def test_more_owners_than_parties_are_refused():
-    table = patients(("first", "second"))
-    third = SplitTable(
-        {**table.columns, "x": Column("third", np.zeros((50, 1), np.float32))}, answers=table.answers
-    )
-    assert third.owners == ("first", "second", "third")
-    with pytest.raises(ValueError, match="first, second, third hold columns, but there are 2 parties"):
-        fit(MODEL, start(), third, RECIPE, KEY, parties=2)
+    columns = dict(patients().columns)
+    columns["age"] = Column("third", columns["age"].values)
+    table = SplitTable(columns, answers=patients().answers)
+    assert table.owners == ("third", "second", "first")
+    with pytest.raises(ValueError, match="third, second, first hold columns, but there are 2 parties"):
+        fit(MODEL, start(), table, RECIPE, KEY, parties=2)
 
 
 def test_columns_of_other_samples_are_refused():
@@ -165,3 +166,121 @@ def test_each_epoch_has_every_sample_once():
     assert (answers[:5] != answers[5:]).any()
     np.testing.assert_array_equal(rows[0], answers)
     assert rows[2].max() < 5
+
+
+def test_the_key_of_another_training_is_warned_of():
+    key = jax.random.key(8)
+    recipe = Sgd(steps=1, batch=20, chunk=1)
+
+    def train(**changed):
+        given = {"recipe": recipe, "seed": 0} | changed
+        fit(MODEL, start(), patients(), given["recipe"], key, seed=given["seed"], parties=2)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        train()
+        train()  # the same again
+    for changed in ({"seed": 1}, {"recipe": Sgd(steps=1, batch=20, chunk=1, momentum=0.5)}):
+        with pytest.warns(cn.KeyReuseWarning, match="given to fit a second time"):
+            train(**changed)
+        train()
+
+
+def test_another_trainings_checkpoint_is_refused(tmp_path):
+    given = {
+        "weights": start(),
+        "table": patients(),
+        "recipe": Sgd(steps=2, batch=20, chunk=1),
+        "key": KEY,
+        "seed": 0,
+        "parties": None,
+    }
+
+    def train(**changed):
+        return fit(MODEL, **(given | changed), checkpoint=Checkpoint(tmp_path / "latest"))
+
+    whole, _ = train()
+    columns = dict(patients().columns)
+    columns["age"] = Column("first", -np.asarray(columns["age"].values))
+    others = {
+        "weights": {name: 2 * x for name, x in start().items()},
+        "table": SplitTable(columns, answers=patients().answers),
+        "recipe": Sgd(steps=1, batch=20, chunk=1),
+        "key": jax.random.key(9),
+        "seed": 1,
+        "parties": 2,
+    }
+    for name, other in others.items():
+        with pytest.raises(DamagedError, match="if it is another training's"):
+            train(**{name: other})
+    for one, again in zip(jax.tree.leaves(whole), jax.tree.leaves(train()[0]), strict=True):
+        np.testing.assert_array_equal(one, again)
+    with pytest.raises(DamagedError, match="if it is another training's"):
+        train(parties=2, protocol=cn.Protocol(frac_bits=16))
+
+
+@pytest.mark.parametrize("parties", [None, 2])
+def test_outputs_that_answers_would_be_broadcast_to_are_refused(parties):
+    table = patients()
+    flat = SplitTable(table.columns, answers=Column("second", np.zeros(50, np.float32)))
+    with pytest.raises(ValueError, match=r"an answer is float\[20\] for a batch of 20, and not \[20, 2\]"):
+        fit(MODEL, start(), flat, RECIPE, KEY, parties=parties)
+    with pytest.raises(ValueError, match=r"predict gives float\[20, 2\] .* not \[20, 5\]"):
+        fit(Model(predict, 5), start(), table, RECIPE, KEY, parties=parties)
+
+
+@pytest.mark.parametrize("parties", [None, 2])
+def test_of_a_single_output_there_is_a_loss_and_no_accuracy(parties):
+    one = Model(lambda weights, columns: predict(weights, columns)[:, :1], outputs=1)
+    answers = Column("second", np.linspace(-1, 1, 50, dtype=np.float32)[:, None])
+    table = SplitTable(patients().columns, answers)
+    _, curve = fit(one, start(), table, Sgd(steps=2, batch=50, chunk=1), KEY, parties=parties)
+    assert all("loss" in point and "accuracy" not in point for point in curve)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"rows": np.arange(3, 8)}, r"rows lie in 0\.\.4, those of the values; these in 3\.\.7"),
+        ({"rows": np.arange(-1, 4)}, r"rows lie in 0\.\.4"),
+        ({"rows": np.ones(5, bool)}, r"int\[samples\], not bool"),
+        ({"rows": np.zeros((5, 1), int)}, r"int\[samples\], not int64\[5, 1\]"),
+        ({"values": np.float64(1)}, "a row for each sample"),
+    ],
+)
+def test_columns_that_make_no_sense_are_refused(changed, message):
+    with pytest.raises(ValueError, match=message):
+        Column(**({"owner": "one", "values": np.zeros((5, 1))} | changed))
+
+
+def test_a_column_is_no_secret_and_has_a_name_for_an_owner():
+    shared = cn.share(KEY, np.zeros((5, 1)), parties=2)
+    with pytest.raises(TypeError, match="in the clear"):
+        Column("one", shared)
+    with pytest.raises(TypeError, match="not by None"):
+        Column(None, np.zeros((5, 1)))
+    assert len(Column("one", [[1.0], [2.0]])) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("steps", -1),
+        ("batch", 0),
+        ("batch", 4.0),
+        ("chunk", 0),
+        ("learning_rate", 0.0),
+        ("learning_rate", float("nan")),
+        ("momentum", float("nan")),
+        ("momentum", 1.0),
+        ("schedule", "cosine"),
+    ],
+)
+def test_recipes_out_of_range_are_refused(name, value):
+    with pytest.raises(ValueError, match=f"^{name} .*{value}"):
+        Sgd(**{name: value})
+
+
+def test_no_key_is_refused():
+    with pytest.raises(TypeError, match=r"jax\.random\.key\(seed\), and not a int"):
+        fit(MODEL, start(), patients(), RECIPE, 5, parties=2)

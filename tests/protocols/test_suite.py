@@ -27,6 +27,13 @@ def test_an_unknown_variant_raises_and_names_the_known_ones():
         Protocol(truncation="exact")  # pyright: ignore[reportArgumentType]
 
 
+@pytest.mark.parametrize("name", ["frac_bits", "range_bits"])
+@pytest.mark.parametrize("bits", [16.0, 16.5, True, "16"])
+def test_bits_are_integers(name, bits):
+    with pytest.raises(ValueError, match=f"{name} is a number of bits, an int, and not {bits!r}"):
+        Protocol(**{name: bits})
+
+
 @pytest.mark.parametrize("frac_bits", [1, 16, 20, 30])
 def test_products_within_the_bound_are_within_the_range_of_truncation(frac_bits):
     assert Protocol(frac_bits=frac_bits).bound * 4**frac_bits == 2**62

@@ -157,6 +157,8 @@ def test_given_parts_are_kept():
         ({"layout": 8.0}, "layout=8.0"),
         ({"obstacles": -1}, "obstacles=-1: give their number, 0..13"),
         ({"obstacles": 14}, "obstacles=14"),
+        ({"obstacles": {2, 3}}, "obstacles={2, 3}"),
+        ({"layout": ((3,), (4,))}, "layout="),
         ({"obstacles": 2.5}, "obstacles=2.5"),
         ({"obstacles": scenario.OBSTACLE_CELLS}, "at most that many distinct cells"),
         ({"start_heading": 0}, "start_heading=0"),
@@ -231,3 +233,13 @@ def test_what_was_drawn_before_is_drawn_still(wish, digest):
     rng = np.random.default_rng(7)
     drawn = repr([scenario.draw(rng, **wish) for _ in range(200)])
     assert hashlib.sha256(drawn.encode()).hexdigest()[:16] == digest
+
+
+def test_numpy_s_numbers_are_numbers():
+    def drawn(layout, obstacles):
+        return scenario.draw(np.random.default_rng(5), layout=layout, obstacles=obstacles)
+
+    assert drawn(np.int64(8), np.array(5)) == drawn(np.array(8), np.uint8(5)) == drawn(8, 5)
+    fixed = drawn(np.array([8, 9]), np.array([1, 2]))
+    assert fixed == drawn((8, 9), (1, 2))
+    assert [type(thing.cell) for thing in fixed.obstacles] == [int, int]
