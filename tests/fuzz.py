@@ -284,8 +284,9 @@ def left(folder: Path) -> dict[str, Any]:
 
 
 def missing(found: dict[str, Any]) -> int:
-    """How often a report says that something is missing."""
-    return found["paper.md"].count(b"Missing; it is made by")
+    """How often a report says that something is missing, or was not measured."""
+    said = (b"Missing; it is made by", b"not measured")
+    return sum(found["paper.md"].count(words) for words in said)
 
 
 # Harm ------------------------------------------------------------------------------------------------------

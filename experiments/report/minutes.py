@@ -43,7 +43,8 @@ def _by_command(results: Results) -> dict[str, list[Document]]:
 
 def _row(command: str, documents: list[Document]) -> Cells:
     seconds = list(_seconds(documents))
-    times = (duration(sum(seconds)), duration(max(seconds))) if seconds else (UNKNOWN, UNKNOWN)
+    known = len(seconds) == len(documents) > 0
+    times = (duration(sum(seconds)), duration(max(seconds))) if known else (UNKNOWN, UNKNOWN)
     return (f"`{command}`", str(len(documents)), *times, UNKNOWN)
 
 
