@@ -13,8 +13,8 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from ciphernav_jax.jax_private import ClosedJaxpr, Jaxpr, Literal
-from ciphernav_jax.parties.jaxprs import opened_up
+from ciphernav_jax.jax_private import Literal
+from ciphernav_jax.parties.jaxprs import jaxprs_in, opened_up
 from ciphernav_jax.protocols import Protocol
 from ciphernav_jax.ring import keys
 from ciphernav_jax.secret import is_secret, share
@@ -196,9 +196,8 @@ def _constants(jaxpr: Any) -> Iterator[Any]:
     yield from constants
     for eqn in opened.eqns:
         yield from (x.val for x in eqn.invars if isinstance(x, Literal))
-        for value in jax.tree.leaves(list(eqn.params.values())):
-            if isinstance(value, Jaxpr | ClosedJaxpr):
-                yield from _constants(value)
+        for inner in jaxprs_in(eqn):
+            yield from _constants(inner)
 
 
 def _bytes(x: Any) -> bytes:

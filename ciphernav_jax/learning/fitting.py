@@ -56,10 +56,9 @@ def fit(
     Returns:
         The weights, secret if there are parties, and the curve: for each chunk a dict of step, mean
         loss, accuracy on its last batch in percent, after its update (of a single output there is none), and
-        the seconds that it took; in
-        `compile_seconds`, what compiling took before it. Of a secret training the sum of a chunk's losses
-        and that count of right answers are opened, nothing else; truncations, and how many of them failed,
-        are what the simulation knows besides (`secret.audit`).
+        the seconds that it took; in `compile_seconds`, what compiling took before it. Of a secret training
+        the sum of a chunk's losses and that count of right answers are opened, nothing else; truncations, and
+        how many of them failed, are what the simulation knows besides (`secret.audit`).
 
     Raises:
         ValueError: fewer than two parties, or fewer than owners; a batch of more samples than there are; what
@@ -88,18 +87,22 @@ def fit(
     """
     require_batch(recipe, table)
     _require_outputs(model, weights, table, recipe.batch)
-    _require_key(key)
+    fresh.require_key(key, "fit", "the key")
     state, data = at_start(weights), table.values
     dtype = jnp.result_type(*jax.tree.leaves((weights, data)))
     protocol = None if parties is None else protocol or Protocol()
     if checkpoint is not None:
-        how = {"seed": seed, "parties": parties, "protocol": protocol and asdict(protocol)}
         rows = [column.rows for column in (*table.columns.values(), table.answers)]
-        hidden = fingerprint((jax.random.key_data(keys.typed(key)), weights, data, rows))
-        checkpoint = checkpoint.also(files.canonical(how | {"recipe": asdict(recipe), "hidden": hidden}))
+        decided_by = {
+            "arrays": fingerprint((jax.random.key_data(keys.typed(key)), weights, data, rows)),
+            "recipe": asdict(recipe),
+            "seed": seed,
+            "parties": parties,
+            "protocol": protocol and asdict(protocol),
+        }
+        checkpoint = checkpoint.also(files.canonical(decided_by))
     if parties is not None:
-        how = (model, recipe, seed, parties, protocol)
-        fresh.of_each_call(key, (weights, data), "fit", how=how)
+        fresh.of_each_call(key, (weights, data), "fit", how=(model, recipe, seed, parties, protocol))
         state, data = share_at_start(key, weights, table, parties, protocol)
 
     done, curve = 0, []
@@ -161,11 +164,6 @@ def _require_outputs(model: Model, weights: Any, table: SplitTable, batch: int) 
                 f"{what} float{list(shape)} for a batch of {batch}, and not [{batch}, {model.outputs}], as "
                 f"outputs={model.outputs} says"
             )
-
-
-def _require_key(key: Any) -> None:
-    if not isinstance(key, jax.Array):
-        raise TypeError(f"key is a random key, jax.random.key(seed), and not a {type(key).__name__}")
 
 
 @functools.partial(jax.jit, static_argnames=("model", "recipe", "protocol"), donate_argnames="state")

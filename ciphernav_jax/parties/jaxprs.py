@@ -1,7 +1,10 @@
 """Reading jaxprs: what an equation wraps, and under which names it was traced."""
 
 import re
+from collections.abc import Iterator
 from typing import Any
+
+import jax
 
 from ciphernav_jax.jax_private import INLINED, ClosedJaxpr, Jaxpr, JaxprEqn, name_stack
 
@@ -9,6 +12,13 @@ from ciphernav_jax.jax_private import INLINED, ClosedJaxpr, Jaxpr, JaxprEqn, nam
 def opened_up(x: Jaxpr | ClosedJaxpr) -> tuple[Jaxpr, list[Any]]:
     """A jaxpr and its constants."""
     return (x.jaxpr, x.consts) if isinstance(x, ClosedJaxpr) else (x, [])
+
+
+def jaxprs_in(eqn: JaxprEqn) -> Iterator[Jaxpr | ClosedJaxpr]:
+    """All jaxprs among an equation's parameters."""
+    for value in jax.tree.leaves(list(eqn.params.values())):
+        if isinstance(value, Jaxpr | ClosedJaxpr):
+            yield value
 
 
 def wrapped(eqn: JaxprEqn) -> tuple[Jaxpr, list[Any]] | None:

@@ -19,7 +19,7 @@ from ciphernav_jax.jax_private import (
     side_effects,
 )
 from ciphernav_jax.parties import party
-from ciphernav_jax.parties.jaxprs import innermost, opened_up, wrapped
+from ciphernav_jax.parties.jaxprs import innermost, jaxprs_in, opened_up, wrapped
 
 # Each collective of `party`, named by its scope, and the primitives that may carry it.
 COLLECTIVES = {
@@ -75,10 +75,8 @@ def require_in_step(jaxpr: ClosedJaxpr, own: int) -> None:
 
 
 def inner_jaxprs(eqn: JaxprEqn) -> Iterator[Jaxpr]:
-    """All jaxprs among an equation's parameters."""
-    for value in jax.tree.leaves(list(eqn.params.values())):
-        if isinstance(value, Jaxpr | ClosedJaxpr):
-            yield opened_up(value)[0]
+    """All jaxprs among an equation's parameters, without their constants."""
+    return (opened_up(inner)[0] for inner in jaxprs_in(eqn))
 
 
 def equations(jaxpr: Jaxpr) -> Iterator[JaxprEqn]:

@@ -194,14 +194,13 @@ def _check_secrets(secrets: list[Secret], protocol: Protocol) -> int:
 
 def _require_local(jaxpr: Jaxpr, outside: Place) -> None:
     for eqn in jaxpr.eqns:
-        here = place(eqn, outside)
         for inner in inner_jaxprs(eqn):
-            _require_local(inner, here)
+            _require_local(inner, place(eqn, outside))
         if leaves(eqn):
             raise NotImplementedError(
                 f"cannot evaluate `{eqn.primitive.name}` in a function on secrets: it reaches out of the "
                 "function, where nobody can follow what a party tells. It comes from "
-                f"{here}. Print and call Python outside, on public arguments and on what was "
+                f"{place(eqn, outside)}. Print and call Python outside, on public arguments and on what was "
                 "revealed; and give the function what a callback returns as an argument."
             )
 

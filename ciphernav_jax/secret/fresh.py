@@ -43,7 +43,7 @@ class KeyReuseWarning(UserWarning):
     """A random key was given twice, to hide two different things."""
 
 
-def require_key(key: Any, what: str) -> None:
+def require_key(key: Any, what: str, argument: str = "the first argument") -> None:
     """Raises TypeError where this is no random key; arguments as for `of_each_entry`."""
     if isinstance(key, jax.Array) and (
         jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or (key.dtype == jnp.uint32 and key.shape[-1:] == (2,))
@@ -51,7 +51,7 @@ def require_key(key: Any, what: str) -> None:
         return
     whose = {"share": "its owner's", "reshare": "the parties'"}.get(what, "the dealer's")
     raise TypeError(
-        f"the first argument of {_called(what)} is {whose} random key, jax.random.key(seed), and not a "
+        f"{argument} of {_called(what)} is {whose} random key, jax.random.key(seed), and not a "
         f"{type(key).__name__}"
     )
 

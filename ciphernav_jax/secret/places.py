@@ -1,5 +1,6 @@
 """Where an equation comes from: the line in the user's own function."""
 
+import functools
 import inspect
 import os
 import sys
@@ -52,6 +53,7 @@ def place(eqn: JaxprEqn, outside: Place) -> Place:
     return outside
 
 
+@functools.cache  # asked for each frame of each equation
 def _of_user(file: str) -> bool:
     # What Python runs without a file, its importing say, is written <frozen NAME>.
     return not (file.startswith((_ENGINE, _STANDARD, "<frozen ")) or _INSTALLED & {*Path(file).parts})

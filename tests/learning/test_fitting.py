@@ -10,6 +10,7 @@ import pytest
 import ciphernav_jax as cn
 from ciphernav_jax.files import DamagedError
 from ciphernav_jax.learning import Checkpoint, Column, Model, Sgd, SplitTable, fit
+from tests.navigation.conftest import Killed, assert_same, killed_after_first, untimed
 
 RECIPE = Sgd(steps=6, batch=20, learning_rate=0.25, chunk=2)
 KEY = jax.random.key(7)
@@ -41,10 +42,6 @@ def patients(owners=("first", "second")):
         "ward": Column(owners[0], wards, rows=ward),
     }
     return SplitTable(columns, answers=Column(owners[1], np.eye(2, dtype=np.float32)[ill.astype(int)]))
-
-
-def untimed(curve):
-    return [{name: value for name, value in point.items() if "seconds" not in name} for point in curve]
 
 
 @pytest.mark.parametrize("parties", [2, 3])
@@ -88,12 +85,6 @@ def test_a_step_is_that_of_gradient_descent_with_momentum():
 
 @pytest.mark.parametrize("parties", [None, 2])
 def test_it_goes_on_from_a_checkpoint_to_the_same_bits(tmp_path, parties):
-    class Killed(Exception):
-        pass
-
-    def kill(*_):
-        raise Killed
-
     def run(name, report=None):
         checkpoint = Checkpoint(tmp_path / name)
         return fit(
@@ -102,11 +93,10 @@ def test_it_goes_on_from_a_checkpoint_to_the_same_bits(tmp_path, parties):
 
     whole, curve = run("whole")
     with pytest.raises(Killed):
-        run("killed", kill)
+        run("killed", killed_after_first)
     resumed, later = run("killed")
     assert untimed(later) == untimed(curve)
-    for one, other in zip(jax.tree.leaves(whole), jax.tree.leaves(resumed), strict=True):
-        np.testing.assert_array_equal(one, other)  # of secrets, the shares
+    assert_same(resumed, whole)  # of secrets, the shares
     if parties is not None:
         with pytest.raises(DamagedError, match="is not what was written"):
             fit(MODEL, start(), patients(), RECIPE, KEY, checkpoint=Checkpoint(tmp_path / "whole", "other"))
@@ -213,8 +203,7 @@ def test_another_trainings_checkpoint_is_refused(tmp_path):
     for name, other in others.items():
         with pytest.raises(DamagedError, match="if it is another training's"):
             train(**{name: other})
-    for one, again in zip(jax.tree.leaves(whole), jax.tree.leaves(train()[0]), strict=True):
-        np.testing.assert_array_equal(one, again)
+    assert_same(train()[0], whole)
     with pytest.raises(DamagedError, match="if it is another training's"):
         train(parties=2, protocol=cn.Protocol(frac_bits=16))
 

@@ -17,16 +17,12 @@ from ciphernav_jax.navigation.methods import METHODS
 from ciphernav_jax.navigation.plain import EndToEnd
 from ciphernav_jax.navigation.policies import plain_policy, secret_policy
 from ciphernav_jax.world.poses import LANES
-from tests.navigation.conftest import Killed, assert_same, killed_after_first, silent
+from tests.navigation.conftest import Killed, assert_same, killed_after_first, silent, untimed
 
 pytestmark = pytest.mark.slow
 
 PLAIN = EndToEnd(epochs=3, batch=30)
 FRESH = FreshClassifier(steps=6, batch=32, chunk=2)
-
-
-def untimed(curve):
-    return [{name: value for name, value in point.items() if "seconds" not in name} for point in curve]
 
 
 @pytest.fixture(scope="module")
